@@ -44,7 +44,8 @@ pub(super) struct Arguments {
     /// The machine's name, in file names and on the gateway's web page
     #[arg(long, value_name = "NAME")]
     machine: Option<String>,
-    /// Address of the temperature module: 192.168.0.10:502, or a serial port: /dev/ttyUSB0
+    /// Address of the temperature module: 192.168.0.10:502, or a serial port: /dev/ttyUSB0. For Modbus ASCII:
+    /// modbus-ascii:///dev/ttyUSB0, modbus-ascii+tcp://192.168.0.10:4001
     #[arg(long, value_name = "ADDRESS|PORT")]
     bus: Option<String>,
     /// Baud rate of the module's serial line
@@ -53,6 +54,9 @@ pub(super) struct Arguments {
     /// Parity of the module's serial line: none, even, odd
     #[arg(long, value_name = "PARITY")]
     parity: Option<String>,
+    /// Data bits of the module's line with Modbus ASCII: 7, 8
+    #[arg(long, value_name = "BITS")]
+    data_bits: Option<String>,
     /// The module's device template, or `none` to write its registers in the profile
     #[arg(long, value_name = "TEMPLATE")]
     module: Option<String>,
@@ -65,7 +69,7 @@ pub(super) struct Arguments {
     /// The unit number of the module
     #[arg(long, value_name = "N")]
     unit: Option<String>,
-    /// Register of the first temperature of a module without a template: input:0 or 30001
+    /// Register of the first temperature of a module without a template: input:0, 30001, or a part: input:0.4-15
     #[arg(long, value_name = "REGISTER")]
     register: Option<String>,
     /// Type of the temperatures: i16, u16, i32, u32, f32
@@ -74,7 +78,7 @@ pub(super) struct Arguments {
     /// Word order of the temperatures: msw-first, lsw-first
     #[arg(long, value_name = "ORDER")]
     word_order: Option<String>,
-    /// Degrees Celsius per count of the temperatures
+    /// Degrees Celsius per count of the temperatures, or the register of the module with the power of ten: holding:12
     #[arg(long, value_name = "DEGREES", allow_hyphen_values = true)]
     scale: Option<String>,
     /// Names of the measured temperatures, in the order of the module's channels
@@ -119,6 +123,9 @@ pub(super) struct Arguments {
     /// Parity of the control's serial line: none, even, odd
     #[arg(long, value_name = "PARITY")]
     control_parity: Option<String>,
+    /// Data bits of the control's line with Modbus ASCII: 7, 8
+    #[arg(long, value_name = "BITS")]
+    control_data_bits: Option<String>,
     /// Bit of the control that is 1 while the machine is on: a channel of its template, discrete:0, holding:16.3, or none
     #[arg(long, value_name = "BIT")]
     machine_on: Option<String>,

@@ -56,6 +56,18 @@ text   = "Z={number.4} mm"
 unit   = "mm"
 "#;
 
+/// Readout that answers the command of GIVI readouts.
+const ON_REQUEST: &str = r#"
+[device.readout]
+bus = "gauges"
+
+[signal.z]
+device  = "readout"
+text    = "{number.2}"
+request = "Q\r\n"
+unit    = "mm"
+"#;
+
 fn text(line: &str, device: &str) -> String {
     format!("[machine]\nname = \"text\"\n[bus.gauges]\ntype = \"serial-ascii\"\n{line}\n{device}")
 }
@@ -187,6 +199,10 @@ async fn a_scan_shows_the_text_of_a_readout_and_the_name_of_a_module() {
     let report = scanned(&bench).await;
     let (_, lines) = report.profile.unwrap();
     assert!(lines.contains("text = \"Z={number.4} mm\""), "{lines}");
+    bench.machine.stop().await.unwrap();
+    let bench = Bench::new(THROUGH_TCP, ON_REQUEST, "").await;
+    let (_, lines) = scanned(&bench).await.profile.unwrap();
+    assert!(lines.contains("text = \"{number.2}\"\nrequest = \"Q\\r\\n\""), "{lines}");
     bench.machine.stop().await.unwrap();
     let bench = Bench::new(THROUGH_TCP, MODULE, "").await;
     let report = scanned(&bench).await;

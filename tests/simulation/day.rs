@@ -13,7 +13,7 @@ use isotherm::fieldbus::kinds::opcua::namespaces::NamespaceTable;
 use isotherm::gateway::{Gateway, Options};
 use isotherm::observe::status::GatewayApi;
 use isotherm_core::quantity::Moment;
-use isotherm_profile::{Profile, Transport, parse};
+use isotherm_profile::{Profile, parse};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg32;
 use tokio::sync::Notify;
@@ -140,9 +140,9 @@ impl<'a> Day<'a> {
         let random_of_lines = Pcg32::seed_from_u64(seed ^ 0x5eed);
         let mut world = World::new(machine, random_of_lines, passage.clone(), disk.is_dead.clone());
         world.servers.are_there = scene.profile.buses.iter().any(|bus| bus.opcua.is_some());
-        for bus in scene.profile.buses.iter().filter(|bus| bus.transport == Transport::RtuOverTcp) {
+        for bus in &scene.profile.buses {
             let line = LINES.iter().position(|name| *name == bus.name);
-            line.into_iter().for_each(|line| world.lines[line].framing = Framing::Rtu);
+            line.into_iter().for_each(|line| world.lines[line].framing = Framing::of(bus.transport));
         }
         let next = script::next(&mut random, scene.beyond, Happening::Look, Duration::ZERO);
         Day {

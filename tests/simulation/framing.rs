@@ -1,6 +1,7 @@
 //! Framing of the messages on a line.
 
-use isotherm_core::codec::checksum;
+use isotherm_core::codec::{AsciiFrames, ascii_frame, checksum};
+use isotherm_profile::Transport;
 
 /// Length of the header: transaction, protocol, length and unit.
 const HEADER: usize = 7;
@@ -16,15 +17,37 @@ pub(crate) enum Framing {
     Tcp,
     /// RTU through a serial server, which forwards the bytes. A reply does not identify its request.
     Rtu,
+    /// Modbus ASCII through a serial server. Its frames have the content of those of RTU.
+    Ascii,
 }
 
 impl Framing {
+    /// Frames of a line with this transport.
+    pub(crate) fn of(transport: Transport) -> Framing {
+        match transport {
+            Transport::RtuOverTcp => Framing::Rtu,
+            Transport::ModbusAsciiOverTcp => Framing::Ascii,
+            _ => Framing::Tcp,
+        }
+    }
+
+    /// Returns whether the frames are those of a serial line.
+    pub(crate) fn is_serial(self) -> bool {
+        self != Framing::Tcp
+    }
+
     /// Returns the message in a frame; `None` if the frame is too short.
-    pub(crate) fn message(self, frame: &[u8]) -> Option<&[u8]> {
-        match self {
+    pub(crate) fn message(self, frame: &[u8]) -> Option<Vec<u8>> {
+        let message = match self {
             Framing::Tcp => frame.get(HEADER..),
             Framing::Rtu => frame.get(1..frame.len().checked_sub(SUM)?),
-        }
+            Framing::Ascii => {
+                let mut rtu = Vec::new();
+                AsciiFrames::default().push(frame, &mut rtu);
+                return Framing::Rtu.message(&rtu);
+            }
+        };
+        message.map(<[u8]>::to_vec)
     }
 
     /// Returns the transaction of a request; zeros if frames have none.
@@ -47,6 +70,7 @@ impl Framing {
                 frame.extend(checksum(&frame).to_le_bytes());
                 frame
             }
+            Framing::Ascii => ascii_frame(&Framing::Rtu.frame(transaction, message)),
         }
     }
 }

@@ -377,8 +377,8 @@ impl World {
             Weather::Silent => Fate::Lost,
             Weather::Lossy(share) if percent < share && percent % 2 == 0 => Fate::AnswerLost,
             Weather::Lossy(share) if percent < share => Fate::Lost,
-            // On RTU, a reply that is later than four timeouts cannot be distinguished from the next one.
-            Weather::Jammed if self.lines[line].framing == Framing::Rtu => Fate::Lost,
+            // On a serial line, a reply that is later than four timeouts cannot be distinguished from the next one.
+            Weather::Jammed if self.lines[line].framing.is_serial() => Fate::Lost,
             Weather::Jammed => Fate::Held(left),
             Weather::Slow(most) => Fate::Slow(most * percent / 100),
             Weather::Denying(share, code) if percent < share => Fate::DoneAndDenied(code),
@@ -404,7 +404,7 @@ impl World {
         self.pass(now);
         self.lines[line].used_at = now;
         let framing = self.lines[line].framing;
-        let asked = framing.message(frame).map_or(Question::Nonsense, Question::of);
+        let asked = framing.message(frame).map_or(Question::Nonsense, |message| Question::of(&message));
         let transaction = framing.transaction(frame);
         let is_fair = self.is_fair(line, now);
         self.machine.laws.asks(line, now, is_fair);
@@ -458,7 +458,7 @@ impl World {
                 self.did(now, "the answer to another question comes after ms", u64::from(after));
             }
         }
-        if framing == Framing::Rtu {
+        if framing.is_serial() {
             let meeting = self.other.meets(now, &mut self.random);
             meeting.exchange.into_iter().for_each(|exchange| self.carries(exchange));
             if meeting.is_destroyed {
@@ -493,7 +493,7 @@ impl World {
             let is_sound = !matches!(fate, Fate::Corrupted(_) | Fate::Garbled);
             let coming = Coming { at, bytes, asked_at: now, asked, content, answers, seen_at, is_sound };
             self.lines[line].coming.push_back(coming);
-            if framing == Framing::Rtu {
+            if framing.is_serial() {
                 self.other.waits_for(at);
             }
         }
@@ -516,13 +516,13 @@ impl World {
                 let Some(coming) = line.coming.pop_front() else { return Heard::End };
                 let is_in_time = now.saturating_sub(coming.asked_at) <= line.timeout + 2 * MILLI;
                 // A late reply may be used for a repeated request. Its age counts from the first request.
-                let is_on_rtu = line.framing == Framing::Rtu;
-                if coming.is_sound && is_on_rtu {
+                let is_serial = line.framing.is_serial();
+                if coming.is_sound && is_serial {
                     let signs = &mut self.machine.laws.signs;
                     let is_foreign = signs.receives(coming.content, coming.answers, now);
                     self.counts.foreign_answers += u64::from(is_foreign);
                 }
-                if coming.is_sound && (is_in_time || is_on_rtu) {
+                if coming.is_sound && (is_in_time || is_serial) {
                     self.tell_laws(place, &coming, now);
                 }
                 Heard::Bytes(coming.bytes)

@@ -28,6 +28,8 @@ use day::Without;
 use many::Many;
 use scene::Scene;
 
+/// Type of the line with another master.
+const RTU: &str = "modbus-rtu-over-tcp";
 const HOUR: Duration = Duration::from_secs(3600);
 const DAY: Duration = Duration::from_secs(8 * 3600);
 
@@ -181,8 +183,18 @@ fn without_the_wait_for_late_answers_the_simulation_finds_exchanged_values() {
 
 #[test]
 fn a_second_master_moves_nothing_once_it_was_noticed() {
+    a_second_master_moves_nothing(RTU);
+}
+
+#[test]
+fn a_second_master_on_a_line_with_modbus_ascii_moves_nothing_once_it_was_noticed() {
+    a_second_master_moves_nothing("modbus-ascii");
+}
+
+#[track_caller]
+fn a_second_master_moves_nothing(kind: &str) {
     let seeds = seeds_beyond();
-    let many = Many::run(&Scene::second_master(true), &seeds, HOUR, 2, Without::Nothing);
+    let many = Many::run(&Scene::second_master(kind, true), &seeds, HOUR, 2, Without::Nothing);
     assert_eq!(many.broken, [], "TEST_FRESH_SEEDS_FROM={}: {many}", seeds[0]);
     let count = seeds.len() as u64;
     assert!(many.counts.foreign_answers > 5 * count && many.counts.noticed > count / 2, "{many}");
@@ -191,6 +203,6 @@ fn a_second_master_moves_nothing_once_it_was_noticed() {
 /// Two replies of the other master in a row are consistent. Only the last good reading shows that they are wrong.
 #[test]
 fn without_a_limit_of_their_rate_the_simulation_finds_readings_of_another_master() {
-    let many = Many::run(&Scene::second_master(false), &[1, 2, 3, 4, 5, 6], HOUR, 2, Without::Nothing);
+    let many = Many::run(&Scene::second_master(RTU, false), &[1, 2, 3, 4, 5, 6], HOUR, 2, Without::Nothing);
     assert!(many.broken.iter().any(|(_, story)| story.contains("R11")), "{many}");
 }

@@ -22,7 +22,7 @@ pub(crate) enum Beyond {
     Panel,
     /// Modbus gateway between line and module, which uses a late reply for the request that is open then.
     Shifts,
-    /// RTU line with another master.
+    /// Serial line with another master.
     SecondMaster,
 }
 
@@ -55,11 +55,11 @@ impl Scene {
         Scene { profile: day::parsed(&text.join("\n")), beyond: Beyond::Shifts }
     }
 
-    /// Machine on an RTU line behind a serial server, with another master. `is_limited` is whether the profile limits
-    /// the rate of the temperatures.
-    pub(crate) fn second_master(is_limited: bool) -> Scene {
-        let (bus, no_rate) = ("[bus.sensors]\ntype = \"modbus-", "max_rate = \"none\"\n");
-        let text = day::TEXT.replace(&format!("{bus}tcp\""), &format!("{bus}rtu-over-tcp\""));
+    /// Machine on a serial line behind a serial server, with another master. `kind` is the type of the bus. `is_limited`
+    /// is whether the profile limits the rate of the temperatures.
+    pub(crate) fn second_master(kind: &str, is_limited: bool) -> Scene {
+        let (bus, no_rate) = ("[bus.sensors]\ntype = \"", "max_rate = \"none\"\n");
+        let text = day::TEXT.replace(&format!("{bus}modbus-tcp\""), &format!("{bus}{kind}\""));
         let limited = text.replace(no_rate, &format!("max_rate = {MAX_RATE}\n"));
         let profile = day::parsed(if is_limited { &limited } else { &text });
         Scene { profile, beyond: Beyond::SecondMaster }

@@ -97,7 +97,10 @@ fn seeds(text: &str) -> Result<(u64, u64), String> {
 fn main() -> ExitCode {
     let arguments = Arguments::parse();
     let Arguments { seeds: (first, last), span, threads, machine, second_master, unchecked } = arguments;
-    let scene = if second_master { Scene::second_master(!unchecked) } else { machine.scene(unchecked) };
+    let scene = match second_master {
+        true => Scene::second_master("modbus-rtu-over-tcp", !unchecked),
+        false => machine.scene(unchecked),
+    };
     let seeds: Vec<u64> = (first..=last).collect();
     let many = Many::run(&scene, &seeds, span, threads, Without::Nothing);
     println!("{many}");

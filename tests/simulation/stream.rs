@@ -8,6 +8,7 @@ use std::time::Duration;
 
 use isotherm::fieldbus::connection::{Connection, Dial};
 use isotherm::fieldbus::error::{Fault, LinkFault};
+use isotherm::fieldbus::kinds::modbus::ascii::AsciiPort;
 use isotherm::fieldbus::kinds::modbus::rtu::Rtu;
 use isotherm::fieldbus::kinds::modbus::tcp::ModbusTcp;
 use isotherm::fieldbus::kinds::opcua::namespaces::NamespaceTable;
@@ -58,6 +59,7 @@ impl Dial for SimulatedDial {
         }
         let connection = stream.map(|stream| match (framing, self.has_nodes) {
             (Framing::Rtu, _) => Connection::Modbus(Box::new(Rtu::new(stream, None, tap))),
+            (Framing::Ascii, _) => Connection::Modbus(Box::new(Rtu::new(AsciiPort::new(stream), None, tap))),
             (Framing::Tcp, true) => {
                 let below = ModbusTcp::new(stream, tap);
                 let (shared, namespaces) = (self.shared.clone(), self.namespaces.clone());

@@ -7,6 +7,7 @@ pub(crate) mod certificates;
 pub(crate) mod device;
 pub(crate) mod encode;
 pub(crate) mod fake;
+pub(crate) mod frames;
 pub(crate) mod process;
 pub(crate) mod starved;
 pub(crate) mod tree;

@@ -110,7 +110,7 @@ pub use tables::output::share::Share;
 pub use tables::output::verify::Verify;
 pub use tables::output::writes::Writes;
 pub use tables::output::{Output, Stated};
-pub use tables::register::Flag;
+pub use tables::register::{Bits, Cell, Flag};
 pub use tables::set::{OutputSet, OwnWord, Stretch};
 pub use tables::signal::Signal;
 pub use tables::signal::counter::Capture;

@@ -4,9 +4,10 @@ use std::net::Ipv4Addr;
 
 use super::serial_settings::SerialSettings;
 use super::value_form::ValueForm;
+use crate::discovery::bus::LineAddress;
 use crate::discovery::{Register, Table};
 use isotherm_profile::template::Outline;
-use isotherm_profile::{Flag, allowed};
+use isotherm_profile::{Bits, Cell, Flag, Transport, allowed};
 
 /// Values from which the first profile is written.
 #[derive(Clone, Debug, PartialEq)]
@@ -31,18 +32,23 @@ pub(super) struct Answers {
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) enum Line {
     Tcp(String),
+    /// Frames of Modbus ASCII through a serial server.
+    AsciiOverTcp(String),
     Serial(String, SerialSettings),
 }
 
 impl Line {
     pub(super) fn parse(text: &str) -> Result<Line, String> {
         if text.starts_with('/') {
-            return Ok(Line::Serial(text.to_owned(), SerialSettings::default()));
+            return Ok(Line::Serial(text.to_owned(), SerialSettings::RTU));
+        }
+        if text.starts_with("modbus-ascii") && text.contains("://") {
+            return Line::parse_modbus_ascii(text);
         }
         let example = "write 192.168.0.10:502, or /dev/ttyUSB0";
         if text.contains("//") {
-            return Err("write an address without a prefix such as tcp://. Examples: 192.168.0.10:502, or \
-                        /dev/ttyUSB0"
+            return Err("write an address without a prefix such as tcp://. Examples: 192.168.0.10:502, \
+                        /dev/ttyUSB0, or modbus-ascii:///dev/ttyUSB0 for Modbus ASCII"
                 .to_owned());
         }
         if text.starts_with("can") || text.starts_with("vcan") {
@@ -80,14 +86,28 @@ impl Line {
         }
     }
 
+    /// Parses the address of a line with frames of Modbus ASCII.
+    fn parse_modbus_ascii(text: &str) -> Result<Line, String> {
+        if let Some((port, _)) = text.split_once('?') {
+            return Err(format!("write {port}: baud rate, parity and data bits are asked"));
+        }
+        let line: LineAddress = text.parse()?;
+        Ok(match line.transport {
+            Transport::ModbusAsciiOverTcp => Line::AsciiOverTcp(line.address),
+            _ => Line::Serial(line.address, SerialSettings::ASCII),
+        })
+    }
+
+    /// Address of a line on the network, or path of a serial port.
+    fn place(&self) -> &str {
+        match self {
+            Line::Tcp(place) | Line::AsciiOverTcp(place) | Line::Serial(place, _) => place,
+        }
+    }
+
     /// Returns whether both are one line: they have the same address, or the same port.
     pub(super) fn is_same(&self, other: &Line) -> bool {
-        match (self, other) {
-            (Line::Tcp(own), Line::Tcp(other)) | (Line::Serial(own, _), Line::Serial(other, _)) => {
-                own == other
-            }
-            _ => false,
-        }
+        self.place() == other.place()
     }
 }
 
@@ -96,7 +116,7 @@ impl Line {
 pub(super) enum Module {
     Template(Box<ModuleTemplate>),
     /// Module without a template: the register of the first temperature, and the form of each.
-    SpelledOut(Register, ValueForm),
+    SpelledOut(Cell, ValueForm),
 }
 
 /// Template of the module, with the answers that it needs.
@@ -164,6 +184,11 @@ pub(super) fn destination(text: &str, known: &[Outline]) -> Result<Destination, 
     }
     let looks_like_a_register = text.contains(':') || text.bytes().all(|byte| byte.is_ascii_digit());
     if looks_like_a_register {
+        if text.contains('.') {
+            return Err(format!(
+                "{text} is a part of a register, which cannot be written: write a whole register such as holding:104"
+            ));
+        }
         let register: Register = text.parse()?;
         return match register {
             Register { table: Table::Holding, offset } => Ok(Destination::Register(offset)),
@@ -176,14 +201,15 @@ pub(super) fn destination(text: &str, known: &[Outline]) -> Result<Destination, 
     Err(format!("{}; or write a register such as holding:104, which is 40105", allowed(text, names)))
 }
 
-/// Parses the register of the first temperature, in either notation.
-pub(super) fn first_register(text: &str) -> Result<Register, String> {
-    let register: Register = text.parse()?;
-    match register.table {
-        Table::Input | Table::Holding => Ok(register),
-        Table::Coil | Table::Discrete => {
-            Err(format!("{text} is one bit: write an input or holding register, such as input:0"))
-        }
+/// Parses the register of the first temperature, in either notation, or a part of it.
+pub(super) fn first_register(text: &str) -> Result<Cell, String> {
+    let cell: Cell = text.parse()?;
+    match cell.bits {
+        Bits::All | Bits::Range(..) if !cell.address.table.is_bits() => Ok(cell),
+        _ => Err(format!(
+            "{text} is one bit: write an input or holding register, such as input:0, or a part of it, such as \
+             input:0.4-15"
+        )),
     }
 }
 
@@ -265,10 +291,15 @@ pub(super) fn signals(text: &str, most: usize) -> Result<Vec<String>, String> {
 pub(super) fn unit(text: &str, line: &Line) -> Result<u8, String> {
     let allowed = match line {
         Line::Tcp(_) => 0..=255,
-        Line::Serial(..) => 1..=247,
+        Line::AsciiOverTcp(_) | Line::Serial(..) => 1..=247,
     };
     let unit = text.parse::<u8>().ok().filter(|unit| allowed.contains(unit));
     unit.ok_or_else(|| format!("write a unit from {} to {}", allowed.start(), allowed.end()))
+}
+
+pub(super) fn data_bits(text: &str) -> Result<u8, String> {
+    let bits = text.parse().ok().filter(|bits| (7..=8).contains(bits));
+    bits.ok_or_else(|| "write 7 or 8".to_owned())
 }
 
 pub(super) fn limit(text: &str) -> Result<f64, String> {

@@ -5,11 +5,12 @@ use super::answers::{
     self, Answers, ControlTemplate, Destination, Line, MachineOn, Module, ModuleTemplate, Target,
 };
 use super::questions::{Question, Questions, yes_or_no};
-use super::serial_settings::{FindSettings, SerialSettings, extent};
+use super::serial_settings::{FindSettings, Frames, SerialSettings, extent};
 use super::value_form::{self, ValueForm};
 use crate::discovery::bus::{Parity, baud};
-use isotherm_profile::duration_text;
+use crate::discovery::{DataType, Register, Table};
 use isotherm_profile::template::{Outline, OutlineTarget};
+use isotherm_profile::{Bits, Cell, duration_text};
 
 /// Most temperatures of a module without a template.
 const MOST_SIGNALS: usize = 32;
@@ -34,7 +35,8 @@ pub(super) fn ask(
     let line = asking.text(
         ("bus", "Address or serial port of the temperature module", Some("192.168.0.10:502")),
         "On a network: address and port, such as 192.168.0.10:502. On a serial line: a port such as /dev/ttyUSB0; a name \
-         below /dev/serial/by-id stays the same after a restart.",
+         below /dev/serial/by-id stays the same after a restart. For Modbus ASCII: modbus-ascii:///dev/ttyUSB0, or \
+         modbus-ascii+tcp://192.168.0.10:4001 through a serial server.",
         arguments.bus.as_deref(),
         Line::parse,
     )?;
@@ -46,8 +48,9 @@ pub(super) fn ask(
         &line,
     )?;
     let sends_text = outline.as_ref().is_some_and(|outline| outline.sends_text);
-    let given = (arguments.baud.as_deref(), arguments.parity.as_deref());
-    let line = asking.settled(line, (unit, sends_text), ("baud", "parity"), given)?;
+    let given = [&arguments.baud, &arguments.parity, &arguments.data_bits];
+    let options = ["baud", "parity", "data-bits"];
+    let line = asking.settled(line, (unit, sends_text), options, given.map(Option::as_deref))?;
     let module = asking.channels(outline, variant, base)?;
     let most = module.template().map_or(MOST_SIGNALS, |template| template.outline.temperatures.len());
     let signals = asking.text(
@@ -179,21 +182,20 @@ impl Asking<'_, '_> {
         let Some(outline) = outline else {
             let register = self.text(
                 ("register", "Register of the first temperature", Some("input:0")),
-                "Zero-based as input:0 or holding:0, or one-based as 30001 or 40001. The others follow it.",
+                "Zero-based as input:0 or holding:0, or one-based as 30001 or 40001. holding:12.4-7 is a part of a \
+                 register, bits 4 to 7. The others follow it.",
                 self.arguments.register.as_deref(),
                 answers::first_register,
             )?;
-            let usual =
-                ValueForm { data_type: crate::discovery::DataType::I16, word_order: None, scale: 0.1 };
             let unknown = OutlineTarget {
                 name: String::new(),
-                data_type: Some(usual.data_type.name().to_owned()),
+                data_type: Some(DataType::I16.name().to_owned()),
                 word_order: None,
-                scale: Some(usual.scale),
+                scale: Some(0.1),
             };
             let given = [&self.arguments.data_type, &self.arguments.word_order, &self.arguments.scale];
             let given = given.map(|given| given.as_deref());
-            let form = self.form(&OF_TEMPERATURE, (&unknown, Some(register.offset)), given)?;
+            let form = self.form(&OF_TEMPERATURE, (&unknown, Some(register)), given)?;
             return Ok(Module::SpelledOut(register, form));
         };
         let mut keys = Vec::new();
@@ -227,13 +229,14 @@ impl Asking<'_, '_> {
     fn form(
         &mut self,
         questions: &FormQuestions,
-        (known, first): (&OutlineTarget, Option<u16>),
+        (known, first): (&OutlineTarget, Option<Cell>),
         [data_type, word_order, scale]: [Option<&str>; 3],
     ) -> anyhow::Result<ValueForm> {
-        let FormQuestions { options, texts, scale_help } = questions;
+        let FormQuestions { options, texts, scale_help, parse_scale } = questions;
         let data_type = self.text(
             (options[0], texts[0], known.data_type.as_deref()),
-            "i16, u16, i32, u32 or f32: the manual of the device, or the PLC programmer, knows it.",
+            "i16, u16, i32, u32 or f32: the manual of the device, or the PLC programmer, knows it. i16 and i32 have a \
+             sign, also for a part of a register.",
             data_type,
             |text| value_form::data_type(text, first),
         )?;
@@ -247,9 +250,11 @@ impl Asking<'_, '_> {
             false => None,
         };
         let usual = known.scale.map(|scale| scale.to_string());
-        let scale =
-            self.text((options[2], texts[2], usual.as_deref()), scale_help, scale, value_form::scale)?;
-        Ok(ValueForm { data_type, word_order, scale })
+        let (scale, scale_from) =
+            self.text((options[2], texts[2], usual.as_deref()), scale_help, scale, |text| {
+                parse_scale(text, first)
+            })?;
+        Ok(ValueForm { data_type, word_order, scale, scale_from })
     }
 
     /// Asks whether the position of an axis is a diameter, if the axis has a name that lathes use for it.
@@ -299,7 +304,9 @@ impl Asking<'_, '_> {
         ];
         let outline = match destination {
             Destination::Register(register) => {
-                let form = self.form(&OF_OFFSET, (&NOTHING_KNOWN, Some(register)), given)?;
+                let address = Register { table: Table::Holding, offset: register };
+                let first = Some(Cell { address, bits: Bits::All });
+                let form = self.form(&OF_OFFSET, (&NOTHING_KNOWN, first), given)?;
                 return Ok((Target::Register(register, form), Vec::new()));
             }
             Destination::Template(outline) => outline,
@@ -388,8 +395,10 @@ impl Asking<'_, '_> {
             }
             return Ok((None, unit));
         };
-        let given = (self.arguments.control_baud.as_deref(), self.arguments.control_parity.as_deref());
-        let line = self.settled(line, (unit, false), ("control-baud", "control-parity"), given)?;
+        let Arguments { control_baud, control_parity, control_data_bits, .. } = self.arguments;
+        let given = [control_baud, control_parity, control_data_bits].map(Option::as_deref);
+        let options = ["control-baud", "control-parity", "control-data-bits"];
+        let line = self.settled(line, (unit, false), options, given)?;
         Ok((Some(line), unit))
     }
 
@@ -408,39 +417,55 @@ impl Asking<'_, '_> {
         )
     }
 
-    /// Returns the line with baud rate and parity. A serial line without options is tried after a yes, or asked. The
-    /// settings of a line with text are only asked.
+    /// Returns the line with the settings of its port. `options` and `given` are those of baud rate, parity and data bits.
+    /// A serial line without options is tried after a yes, or asked. The settings of a line with text are only asked.
     fn settled(
         &mut self,
         line: Line,
         (unit, sends_text): (u8, bool),
-        (baud_option, parity_option): (&'static str, &'static str),
-        (baud_given, parity_given): (Option<&str>, Option<&str>),
+        options: [&'static str; 3],
+        given: [Option<&str>; 3],
     ) -> anyhow::Result<Line> {
         let (port, mut usual) = match line {
             Line::Serial(port, usual) => (port, usual),
-            tcp @ Line::Tcp(_) => return Ok(tcp),
+            tcp @ (Line::Tcp(_) | Line::AsciiOverTcp(_)) => return Ok(tcp),
         };
-        if baud_given.is_none() && parity_given.is_none() && !sends_text {
-            usual = self.tried(&port, unit)?.unwrap_or(usual);
+        if given.iter().all(Option::is_none) && !sends_text {
+            usual = self.tried(&port, usual, unit)?.unwrap_or(usual);
         }
         let baud = self.text(
-            (baud_option, &format!("Baud rate of {port}"), Some(&usual.baud.to_string())),
+            (options[0], &format!("Baud rate of {port}"), Some(&usual.baud.to_string())),
             "The setting of the devices on this line; their manual or their switches show it.",
-            baud_given,
+            given[0],
             baud,
         )?;
         let parity = self.text(
-            (parity_option, &format!("Parity of {port}"), Some(usual.parity.word())),
+            (options[1], &format!("Parity of {port}"), Some(usual.parity.word())),
             "none, even or odd: the setting of the devices on this line.",
-            parity_given,
+            given[1],
             str::parse::<Parity>,
         )?;
-        Ok(Line::Serial(port, SerialSettings { baud, parity }))
+        let frames = match usual.frames {
+            Frames::Rtu => Frames::Rtu,
+            Frames::Ascii { data_bits } => Frames::Ascii {
+                data_bits: self.text(
+                    (options[2], &format!("Data bits of {port}"), Some(&data_bits.to_string())),
+                    "7 or 8: the setting of the devices on this line.",
+                    given[2],
+                    answers::data_bits,
+                )?,
+            },
+        };
+        Ok(Line::Serial(port, SerialSettings { baud, parity, frames }))
     }
 
     /// Tries the settings of a port after a yes. Returns those with which the unit answers.
-    fn tried(&mut self, port: &str, unit: u8) -> anyhow::Result<Option<SerialSettings>> {
+    fn tried(
+        &mut self,
+        port: &str,
+        usual: SerialSettings,
+        unit: u8,
+    ) -> anyhow::Result<Option<SerialSettings>> {
         let (count, longest) = extent();
         let agreed = self.questions.agrees(
             &format!("Find baud rate and parity of {port} by trying? Only reads, at most {}", duration_text(longest)),
@@ -452,13 +477,20 @@ impl Asking<'_, '_> {
         if !agreed {
             return Ok(None);
         }
-        let found = (self.find)(port, unit);
+        let found = (self.find)(port, usual, unit);
         self.questions.show(&match &found {
-            Ok(Some(SerialSettings { baud, parity })) => {
+            Ok(Some(SerialSettings { baud, parity, .. })) => {
                 format!("  unit {unit} answers at {baud} baud, parity {}", parity.word())
             }
             Ok(None) => {
-                format!("  unit {unit} answers with no setting: check its number, power and wires A and B")
+                let other = match usual.frames {
+                    Frames::Rtu => format!("Modbus ASCII, as modbus-ascii://{port}"),
+                    Frames::Ascii { .. } => format!("Modbus RTU, as {port}"),
+                };
+                format!(
+                    "  unit {unit} answers with no setting: check its number, power and wires A and B, or begin again \
+                     with {other}"
+                )
             }
             Err(why) => format!("  {why}"),
         })?;
@@ -471,12 +503,18 @@ struct FormQuestions {
     options: [&'static str; 3],
     texts: [&'static str; 3],
     scale_help: &'static str,
+    /// Parses the answer for the scale of a value with this first register: the scale, or the register that contains it.
+    parse_scale: ParseScale,
 }
+
+type ParseScale = fn(&str, Option<Cell>) -> Result<(f64, Option<Cell>), String>;
 
 const OF_TEMPERATURE: FormQuestions = FormQuestions {
     options: ["type", "word-order", "scale"],
     texts: ["Type of the temperatures", "Word order of the temperatures", "Degrees Celsius per count"],
-    scale_help: "0.1 if the register shows 215 at 21.5 °C.",
+    scale_help: "0.1 if the register shows 215 at 21.5 °C. If the device has the power of ten in a register, as \
+                 SunSpec devices do, write that register: holding:12.",
+    parse_scale: value_form::scale_or_register,
 };
 
 const OF_OFFSET: FormQuestions = FormQuestions {
@@ -487,6 +525,7 @@ const OF_OFFSET: FormQuestions = FormQuestions {
         "Micrometres per count of the offset, negative if the control subtracts it",
     ],
     scale_help: "0.1 if the control adds 1 µm for the value 10. A wrong scale moves the axis too far.",
+    parse_scale: |text, _| Ok((value_form::scale(text)?, None)),
 };
 
 /// Target of which nothing is known, so that every question must be answered.

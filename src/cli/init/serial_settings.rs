@@ -1,4 +1,4 @@
-//! Baud rate and parity of a serial line, found by trying: each setting gets two reads from one unit.
+//! Settings of a serial line, found by trying: each setting gets two reads from one unit.
 
 use std::time::Duration;
 
@@ -16,22 +16,59 @@ const REGISTERS: [Register; 2] =
     [Register { table: Table::Holding, offset: 0 }, Register { table: Table::Input, offset: 0 }];
 const TIMEOUT: Duration = Duration::from_millis(300);
 
-/// Baud rate and parity of a serial line.
+/// Frames of Modbus on a serial port.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Frames {
+    Rtu,
+    /// Frames of Modbus ASCII, with 7 or 8 data bits.
+    Ascii {
+        data_bits: u8,
+    },
+}
+
+/// Settings of a serial line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct SerialSettings {
     pub(super) baud: u32,
     pub(super) parity: Parity,
+    pub(super) frames: Frames,
 }
 
-impl Default for SerialSettings {
-    fn default() -> SerialSettings {
-        SerialSettings { baud: BAUDS[0], parity: Parity::None }
+impl SerialSettings {
+    /// Most frequent settings of Modbus RTU.
+    pub(super) const RTU: SerialSettings =
+        SerialSettings { baud: BAUDS[0], parity: Parity::None, frames: Frames::Rtu };
+    /// Usual settings of Modbus ASCII.
+    pub(super) const ASCII: SerialSettings =
+        SerialSettings { baud: BAUDS[0], parity: Parity::Even, frames: Frames::Ascii { data_bits: 7 } };
+
+    /// Returns settings to try for frames of this kind. A character of Modbus ASCII with seven data bits has a parity
+    /// bit, and one with eight has none.
+    fn tried(self, baud: u32, parity: Parity) -> SerialSettings {
+        let frames = match self.frames {
+            Frames::Rtu => Frames::Rtu,
+            Frames::Ascii { .. } => Frames::Ascii { data_bits: if parity == Parity::None { 8 } else { 7 } },
+        };
+        SerialSettings { baud, parity, frames }
+    }
+
+    /// Returns the address of a port with these settings.
+    fn address(self, port: &str) -> Result<LineAddress, String> {
+        let SerialSettings { baud, parity, frames } = self;
+        let address: LineAddress = match frames {
+            Frames::Rtu => format!("rtu://{port}"),
+            Frames::Ascii { data_bits } => format!("modbus-ascii://{port}?data_bits={data_bits}"),
+        }
+        .parse()?;
+        Ok(address.with_serial(|serial| Serial { baud, parity, ..serial }))
     }
 }
 
-/// Function that finds the settings with which a unit on a port answers. Returns `None` if it answers with none of
-/// them, and an error in one sentence if the port cannot be used.
-pub(super) type FindSettings<'a> = &'a dyn Fn(&str, u8) -> Result<Option<SerialSettings>, String>;
+/// Function that finds the settings with which a unit on a port answers. The settings in its arguments state the kind of
+/// frames. Returns `None` if the unit answers with none of the settings, and an error in one sentence if the port cannot
+/// be used.
+pub(super) type FindSettings<'a> =
+    &'a dyn Fn(&str, SerialSettings, u8) -> Result<Option<SerialSettings>, String>;
 
 /// Number of settings that are tried, and the longest time for them.
 pub(super) fn extent() -> (usize, Duration) {
@@ -41,13 +78,14 @@ pub(super) fn extent() -> (usize, Duration) {
     (count, (TIMEOUT * 2).saturating_mul(requests))
 }
 
-/// Tries every setting on this port until the unit answers. Writes to no register.
-pub(super) fn find(port: &str, unit: u8) -> Result<Option<SerialSettings>, String> {
-    let address: LineAddress = format!("rtu://{port}").parse()?;
+/// Tries every setting on this port until the unit answers. `usual` states the kind of frames. Writes to no register.
+pub(super) fn find(port: &str, usual: SerialSettings, unit: u8) -> Result<Option<SerialSettings>, String> {
     let runtime = crate::cli::runtime::start().map_err(|error| error.to_string())?;
     for baud in BAUDS {
         for parity in PARITIES {
-            let line = address.with_serial(|serial| Serial { baud, parity, ..serial });
+            let settings = usual.tried(baud, parity);
+            let line = settings.address(port)?;
+            let transport = line.transport;
             let scan = Scan {
                 bus: line.bus(TIMEOUT),
                 lines: vec![line],
@@ -63,10 +101,10 @@ pub(super) fn find(port: &str, unit: u8) -> Result<Option<SerialSettings>, Strin
                 }
             };
             if let Err(failed) = runtime.block_on(scan.run(note)) {
-                return Err(explain_on(address.transport, failed.fault).to_string());
+                return Err(explain_on(transport, failed.fault).to_string());
             }
             if answers {
-                return Ok(Some(SerialSettings { baud, parity }));
+                return Ok(Some(settings));
             }
         }
     }

@@ -1,9 +1,11 @@
 use std::path::Path;
 
 use super::answers::{ControlTemplate, Line, MachineOn, Module, ModuleTemplate, Target};
-use super::serial_settings::SerialSettings;
+use super::serial_settings::{Frames, SerialSettings};
 use super::*;
+use crate::clock::Clock;
 use crate::discovery::bus::Parity;
+use crate::virtual_machine::{Ports, Setup, UnknownUnit, VirtualMachine};
 use isotherm_profile::template::Outline;
 use isotherm_profile::{Writes, preview};
 
@@ -11,20 +13,25 @@ use isotherm_profile::{Writes, preview};
 /// and scale; then mostly Enter.
 const USUAL: &str = "\n\n\n\n\n\n\n\n\n\n40105\ni32\nmsw-first\n0.1\n\n2\n\n";
 
-const FOUND: SerialSettings = SerialSettings { baud: 19_200, parity: Parity::Even };
+const FOUND: SerialSettings = SerialSettings { baud: 19_200, parity: Parity::Even, frames: Frames::Rtu };
 
 fn known() -> Vec<Outline> {
     outlines(Path::new("/nowhere"))
 }
 
-/// Asks with these options. A unit on a port that begins with `/dev/tty` answers with [`FOUND`].
+/// Asks with these options. A unit on a port that begins with `/dev/tty` answers with [`FOUND`]. With frames of Modbus
+/// ASCII it has eight data bits.
 fn answered_with(options: &[&str], lines: &str) -> (anyhow::Result<Answers>, String, String) {
     let words = ["init"].into_iter().chain(options.iter().copied());
     let arguments = <Parser as clap::Parser>::parse_from(words).arguments;
     let (mut input, mut shown) = (lines.as_bytes(), Vec::<u8>::new());
     let mut questions = Questions::new(&mut input, &mut shown, arguments.yes);
-    let find = |port: &str, _: u8| -> Result<Option<SerialSettings>, String> {
-        Ok(port.starts_with("/dev/tty").then_some(FOUND))
+    let find = |port: &str, usual: SerialSettings, _: u8| -> Result<Option<SerialSettings>, String> {
+        let frames = match usual.frames {
+            Frames::Rtu => Frames::Rtu,
+            Frames::Ascii { .. } => Frames::Ascii { data_bits: 8 },
+        };
+        Ok(port.starts_with("/dev/tty").then_some(SerialSettings { frames, ..FOUND }))
     };
     let answers = ask::ask(&arguments, &known(), &find, &mut questions);
     let command = questions.command("first.toml");
@@ -234,6 +241,57 @@ fn the_words_of_a_plc_are_understood_in_the_hint() {
 }
 
 #[test]
+fn a_temperature_may_be_a_part_of_a_register() {
+    let registers = |options: &[&str]| {
+        let usual = ["--yes", "--output", "linuxcnc-eoffset", "--control-unit", "2"];
+        let (answers, ..) = answered_with(&[&usual, options].concat(), "");
+        let answers = answers.map_err(|why| why.to_string())?;
+        let signals = taken(&answers).signals;
+        let register = |signal: &isotherm_profile::Signal| signal.address.register().unwrap().to_string();
+        let found: Vec<(String, &str)> = signals
+            .iter()
+            .take(2)
+            .map(|signal| (register(signal), signal.encoding.data_type.name()))
+            .collect();
+        Ok::<_, String>(format!("{found:?} {}", text::profile(&answers)))
+    };
+    let found = registers(&["--register", "holding:12.4-15"]).unwrap();
+    assert!(found.starts_with("[(\"holding:12\", \"i16\"), (\"holding:13\", \"i16\")]"), "{found}");
+    assert!(found.contains("register = \"holding:12.4-15\""), "{found}");
+    assert!(found.contains("register = \"holding:13.4-15\"") && found.contains("\"40014.4-15\""), "{found}");
+    assert!(!found.contains("bad "), "the values of a broken wire are those of a whole register: {found}");
+    let wide = ["--register", "input:2.4-23", "--type", "u32", "--word-order", "msw-first"];
+    let found = registers(&wide).unwrap();
+    assert!(found.contains("\"input:2.4-23\"") && found.contains("\"input:4.4-23\""), "{found}");
+    for (options, why) in [
+        (&["--register", "input:2.4-23"][..], "bit 23 is beyond one register"),
+        (&["--register", "input:2.4-15", "--type", "f32"][..], "f32 is not possible for a part"),
+        (&["--register", "input:2.4"][..], "or a part of it, such as input:0.4-15"),
+        (&["--register", "input:2.7-4"][..], "smaller bit first"),
+    ] {
+        let refused = registers(options).unwrap_err();
+        assert!(refused.contains(why), "{options:?}: {refused}");
+    }
+    let refused = answered_with(&["--yes", "--output", "holding:104.4-7"], "").0.unwrap_err().to_string();
+    assert!(refused.contains("a part of a register, which cannot be written"), "{refused}");
+}
+
+#[test]
+fn the_scale_of_the_temperatures_may_be_in_another_register() {
+    let lines = USUAL.replacen("\n\n\n\n\n40105", "\nholding:12.3\nholding:12\n\n\n\n40105", 1);
+    let (answers, shown) = answered(&lines);
+    let answers = answers.unwrap_or_else(|error| panic!("{error}\n{shown}"));
+    assert!(shown.contains("holding:12.3 is one bit, which cannot hold a scale"), "{shown}");
+    let profile = taken(&answers);
+    for signal in profile.signals.iter().filter(|signal| signal.name != "machine_on") {
+        let from = signal.scale_from.as_ref().unwrap();
+        assert_eq!((from.address.to_string().as_str(), signal.rate_limit()), ("holding:12", Some(5.0)));
+    }
+    let refused = value_form::scale_or_register("holding:0", answers::first_register("holding:0").ok());
+    assert!(refused.unwrap_err().contains("the register of the value itself"));
+}
+
+#[test]
 fn the_last_register_takes_a_value_of_one_register() {
     let to_the_last = |data_type: &str| {
         let words = ["--yes", "--output", "holding:65535", "--output-type", data_type];
@@ -269,10 +327,88 @@ fn the_settings_of_a_line_are_tried_only_after_a_yes() {
     );
     let options = ["--yes", "--bus", "/dev/ttyUSB0", "--output", "linuxcnc-eoffset", "--control-unit", "2"];
     let answers = answered_with(&options, "").0.unwrap();
-    assert_eq!(answers.line, Line::Serial("/dev/ttyUSB0".to_owned(), SerialSettings::default()));
+    assert_eq!(answers.line, Line::Serial("/dev/ttyUSB0".to_owned(), SerialSettings::RTU));
     let options = ["--bus", "/dev/nothing", "--module", "none", "--unit", "4"];
     let (_, shown, _) = answered_with(&options, "\nyes\n\n");
     assert!(shown.contains("unit 4 answers with no setting"), "{shown}");
+    assert!(shown.contains("begin again with Modbus ASCII, as modbus-ascii:///dev/nothing"), "{shown}");
+}
+
+/// Modbus ASCII on a port of this computer, with settings that are found or asked, and through a serial server.
+#[test]
+fn a_line_with_modbus_ascii_is_offered_on_a_port_and_through_a_serial_server() {
+    let ascii =
+        |baud, parity, data_bits| SerialSettings { baud, parity, frames: Frames::Ascii { data_bits } };
+    let port = "modbus-ascii:///dev/ttyUSB0";
+    let on_port = |lines: &str| {
+        let options = ["--bus", port, "--module", "none", "--unit", "3"];
+        let rest = USUAL.strip_prefix("\n\n\n\n").unwrap();
+        let (answers, shown, command) = answered_with(&options, &format!("\n{lines}{rest}"));
+        let answers = answers.unwrap_or_else(|error| panic!("{error}\n{shown}"));
+        (answers, shown, command)
+    };
+    let (answers, shown, command) = on_port("yes\n\n\n\n");
+    assert_eq!(
+        answers.line,
+        Line::Serial("/dev/ttyUSB0".to_owned(), ascii(19_200, Parity::Even, 8)),
+        "found: {shown}"
+    );
+    assert!(command.contains("--bus=modbus-ascii:///dev/ttyUSB0") && command.contains("--data-bits=8"));
+    assert!(text::profile(&answers).contains("type    = \"modbus-ascii\""));
+    assert_eq!(
+        taken(&answers).buses[0].transport.port_settings().as_deref(),
+        Some("19200 baud 8E1"),
+        "{shown}"
+    );
+    let (answers, shown, _) = on_port("no\n\n\n9\n\n");
+    assert!(shown.contains("write 7 or 8"), "{shown}");
+    assert_eq!(answers.line, Line::Serial("/dev/ttyUSB0".to_owned(), SerialSettings::ASCII));
+    assert_eq!(taken(&answers).buses[0].transport.port_settings().as_deref(), Some("9600 baud 7E1"));
+
+    let usual = ["--yes", "--output", "linuxcnc-eoffset", "--control-unit", "2"];
+    let server = ["--bus", "modbus-ascii+tcp://192.168.0.10:4001"];
+    let answers = answered_with(&[&usual[..], &server].concat(), "").0.unwrap();
+    assert_eq!(answers.line, Line::AsciiOverTcp("192.168.0.10:4001".to_owned()));
+    let transport = taken(&answers).buses[0].transport;
+    assert_eq!(transport, isotherm_profile::Transport::ModbusAsciiOverTcp);
+    assert!(answers::unit("255", &answers.line).is_err(), "a serial line is behind the server");
+    let control = ["--control", port, "--control-data-bits", "8"];
+    let answers = answered_with(&[&usual[..], &control].concat(), "").0.unwrap();
+    assert_eq!(answers.control, Some(Line::Serial("/dev/ttyUSB0".to_owned(), ascii(9600, Parity::Even, 8))));
+    assert_eq!(taken(&answers).buses.len(), 2);
+    for (written, why) in [
+        ("modbus-ascii:///dev/ttyUSB0?baud=19200", "write modbus-ascii:///dev/ttyUSB0: baud rate"),
+        ("modbus-ascii+tcp://192.168.0.10", "write modbus-ascii+tcp://192.168.0.10:4001"),
+    ] {
+        let refused = Line::parse(written).unwrap_err();
+        assert!(refused.contains(why), "{written}: {refused}");
+    }
+}
+
+/// A pseudo-terminal has no baud rate and no parity. A busy computer may delay the answer to the first setting.
+#[test]
+fn the_settings_of_a_port_with_modbus_ascii_are_found_by_its_frames() {
+    let text = "[machine]\nname = \"found\"\n[bus.line]\ntype = \"modbus-ascii\"\nport = \"/dev/isotherm-none\"\n\
+                baud = 9600\n[device.module]\nbus = \"line\"\nunit = 3\n[signal.bed]\ndevice = \"module\"\n\
+                register = \"input:0\"\ntype = \"i16\"\n";
+    let profile = isotherm_profile::parse(Path::new("found.toml"), text, &[], &[]);
+    let profile = profile.unwrap_or_else(|errors| panic!("{errors}")).profile;
+    let (tell, told) = std::sync::mpsc::channel();
+    let (end, ended) = tokio::sync::oneshot::channel::<()>();
+    let devices = std::thread::spawn(move || {
+        crate::cli::runtime::start().unwrap().block_on(async {
+            let setup = Setup { ports: Ports::Free, unknown_unit: UnknownUnit::Silence, ..Setup::default() };
+            let machine = VirtualMachine::start(&profile, setup, &Clock::wall()).await.unwrap();
+            tell.send(machine.serving(profile).buses[0].address.clone()).unwrap();
+            ended.await.unwrap();
+            machine.stop().await.unwrap();
+        });
+    });
+    let found = serial_settings::find(&told.recv().unwrap(), SerialSettings::ASCII, 3).unwrap();
+    let frames = found.map(|settings| settings.frames);
+    assert!(matches!(frames, Some(Frames::Ascii { .. })), "{found:?}");
+    end.send(()).unwrap();
+    devices.join().unwrap();
 }
 
 #[test]
@@ -305,7 +441,7 @@ fn a_module_that_sends_text_is_on_a_line_of_its_own() {
     );
     let answers = answers.unwrap_or_else(|error| panic!("{error}\n{shown}"));
     assert!(shown.contains("the control needs another line"), "{shown}");
-    assert_eq!(answers.control, Some(Line::Serial("/dev/ttyUSB1".to_owned(), SerialSettings::default())));
+    assert_eq!(answers.control, Some(Line::Serial("/dev/ttyUSB1".to_owned(), SerialSettings::RTU)));
     let variant = answers.module.template().and_then(|template| template.variant.as_deref());
     assert_eq!(variant, Some("checksum-off"));
     let profile = taken(&answers);

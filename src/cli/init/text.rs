@@ -3,7 +3,9 @@
 use std::fmt::Write;
 
 use super::answers::{Answers, Line, MachineOn, Module, Target};
+use super::serial_settings::{Frames, SerialSettings};
 use crate::discovery::Register;
+use isotherm_profile::{Bits, Cell};
 
 /// Returns the text of a profile with comments, which `check` accepts.
 pub(super) fn profile(answers: &Answers) -> String {
@@ -32,12 +34,9 @@ fn write_profile(text: &mut String, answers: &Answers) -> std::fmt::Result {
         "settle = \"3min\"                     # \"start\" references are the mean over this long\n\
          arm    = \"manual\"                   # nothing is written before `isotherm arm`; \"auto\" arms by itself\n"
     )?;
-    match answers.module.sends_text() {
-        true => line_of_text(text, "cell", &answers.line)?,
-        false => line(text, "cell", &answers.line)?,
-    }
+    line(text, "cell", &answers.line, answers.module.sends_text())?;
     if let Some(control) = &answers.control {
-        line(text, "control", control)?;
+        line(text, "control", control, false)?;
     }
     module(text, answers)?;
     control(text, answers)?;
@@ -72,42 +71,34 @@ fn write_profile(text: &mut String, answers: &Answers) -> std::fmt::Result {
     )
 }
 
-fn line(text: &mut String, name: &str, line: &Line) -> std::fmt::Result {
+/// Writes a line. `sends_text`: its module sends lines of text.
+fn line(text: &mut String, name: &str, line: &Line, sends_text: bool) -> std::fmt::Result {
+    let kind = match line {
+        _ if sends_text => "serial-ascii",
+        Line::Tcp(_) => "modbus-tcp",
+        Line::AsciiOverTcp(_) | Line::Serial(_, SerialSettings { frames: Frames::Ascii { .. }, .. }) => {
+            "modbus-ascii"
+        }
+        Line::Serial(..) => "modbus-rtu",
+    };
+    writeln!(text, "[bus.{name}]\ntype    = \"{kind}\"")?;
     match line {
-        Line::Tcp(address) => writeln!(
-            text,
-            "[bus.{name}]\ntype    = \"modbus-tcp\"\naddress = \"{address}\"\n\
-             timeout = \"300ms\"                   # shorter than every `every` below\n"
-        ),
-        Line::Serial(port, settings) => writeln!(
-            text,
-            "[bus.{name}]\ntype    = \"modbus-rtu\"\nport    = \"{port}\"             # a name below /dev/serial/by-id stays the same\n\
-             baud    = {}                      # the setting of the devices\nparity  = \"{}\"\nstop_bits = 1\n\
-             timeout = \"300ms\"                   # shorter than every `every` below\n",
-            settings.baud,
-            settings.parity.word()
-        ),
+        Line::Tcp(address) | Line::AsciiOverTcp(address) => writeln!(text, "address = \"{address}\"")?,
+        Line::Serial(port, SerialSettings { baud, parity, frames }) => {
+            let parity = parity.word();
+            writeln!(
+                text,
+                "port    = \"{port}\"             # a name below /dev/serial/by-id stays the same\n\
+                 baud    = {baud}                      # the setting of the devices\nparity  = \"{parity}\"\nstop_bits = 1"
+            )?;
+            match frames {
+                Frames::Ascii { data_bits } => writeln!(text, "data_bits = {data_bits}")?,
+                Frames::Rtu if sends_text => writeln!(text, "data_bits = 8")?,
+                Frames::Rtu => {}
+            }
+        }
     }
-}
-
-/// Writes the line of a module that sends text.
-fn line_of_text(text: &mut String, name: &str, line: &Line) -> std::fmt::Result {
-    match line {
-        Line::Tcp(address) => writeln!(
-            text,
-            "[bus.{name}]                           # lines of text through a serial server\ntype    = \"serial-ascii\"\n\
-             address = \"{address}\"\ntimeout = \"300ms\"                   # shorter than every `every` below\n"
-        ),
-        Line::Serial(port, settings) => writeln!(
-            text,
-            "[bus.{name}]                           # lines of text\ntype    = \"serial-ascii\"\n\
-             port    = \"{port}\"             # a name below /dev/serial/by-id stays the same\n\
-             baud    = {}                      # the setting of the module\ndata_bits = 8\nparity  = \"{}\"\n\
-             stop_bits = 1\ntimeout = \"300ms\"                   # shorter than every `every` below\n",
-            settings.baud,
-            settings.parity.word()
-        ),
-    }
+    writeln!(text, "timeout = \"300ms\"                   # shorter than every `every` below\n")
 }
 
 fn module(text: &mut String, answers: &Answers) -> std::fmt::Result {
@@ -142,19 +133,29 @@ fn module(text: &mut String, answers: &Answers) -> std::fmt::Result {
             }
             Module::SpelledOut(first, form) => {
                 let width = usize::from(form.data_type.registers());
-                let offset = u16::try_from(usize::from(first.offset) + place * width).unwrap_or(u16::MAX);
-                let register = Register { offset, ..*first };
+                let offset = usize::from(first.address.offset) + place * width;
+                let offset = u16::try_from(offset).unwrap_or(u16::MAX);
+                let cell = Cell { address: Register { offset, ..first.address }, bits: first.bits };
                 writeln!(
                     text,
-                    "register = \"{register}\"                # zero-based; \"{}\" means the same\ntype     = \"{}\"",
-                    register.modicon(),
+                    "register = \"{cell}\"                # zero-based; \"{}\" means the same\ntype     = \"{}\"",
+                    cell.modicon(),
                     form.data_type.name()
                 )?;
                 if let Some(order) = form.word_order {
                     writeln!(text, "word_order = \"{order}\"")?;
                 }
-                writeln!(text, "scale    = {:?}                      # °C per count", form.scale)?;
-                if form.data_type == crate::discovery::DataType::I16 {
+                match form.scale_from {
+                    None => {
+                        writeln!(text, "scale    = {:?}                      # °C per count", form.scale)?
+                    }
+                    Some(from) => writeln!(
+                        text,
+                        "scale_from = \"{from}\"             # the power of ten of the scale: -1 means a tenth\n\
+                         max_rate = 5.0                      # °C per second: plausible after a change of the scale"
+                    )?,
+                }
+                if form.data_type == crate::discovery::DataType::I16 && first.bits == Bits::All {
                     writeln!(text, "bad      = [-32768, 32767]           # values that mean a broken wire")?;
                 }
             }

@@ -16,6 +16,8 @@ use isotherm_core::explained::Explained;
 use isotherm_profile::duration_text;
 use isotherm_profile::{BusId, Profile};
 
+/// Registers at the beginning of a SunSpec map: `SunS`.
+const SUNSPEC: [u16; 2] = [0x5375, 0x6e53];
 /// Indentation of a hint below its line.
 const UNDER: usize = 6;
 
@@ -67,8 +69,12 @@ pub(super) fn range(unit: u8, range: &RegisterRange) -> String {
     let RegisterRange { register, modicon, count, values, why } = range;
     match values {
         Some(values) => {
-            let values: Vec<String> = values.iter().map(u16::to_string).collect();
-            format!("unit {unit}  {register} ({modicon})  {}", values.join(" "))
+            let shown: Vec<String> = values.iter().map(u16::to_string).collect();
+            let map = match values.windows(2).any(|pair| pair == SUNSPEC) {
+                true => "  SunSpec: write the register of a scale factor as `scale_from` of the signal",
+                false => "",
+            };
+            format!("unit {unit}  {register} ({modicon})  {}{map}", shown.join(" "))
         }
         None => {
             let registers = if *count == 1 { String::new() } else { format!(", {count} of them") };
@@ -169,6 +175,28 @@ pub(super) fn document(scan: &Scan, seen: &ScanResults, stopped: Option<&str>) -
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_map_of_sunspec_is_named_with_its_scale_factors() {
+        let shown = |values: &[u16]| {
+            let (register, modicon) = ("holding:40000".to_owned(), "440001".to_owned());
+            let count = u16::try_from(values.len()).unwrap();
+            range(
+                1,
+                &RegisterRange {
+                    register,
+                    modicon,
+                    count,
+                    values: Some(values.to_vec()),
+                    why: String::new(),
+                },
+            )
+        };
+        let map = shown(&[0x5375, 0x6e53, 1]);
+        assert!(map.starts_with("unit 1  holding:40000 (440001)  21365 28243 1  SunSpec: "), "{map}");
+        assert!(map.contains("`scale_from`"), "{map}");
+        assert_eq!(shown(&[0x5375, 1]), "unit 1  holding:40000 (440001)  21365 1");
+    }
 
     #[test]
     fn the_hint_of_a_fault_is_printed_once_for_all_lines() {

@@ -19,7 +19,8 @@ use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg32;
 use tokio::sync::watch;
 
-use crate::serial::port::{self, Plug, answer, bus, framed, line, read, serial, word};
+use crate::serial::port::{self, Plug, answer, bus, framed, line, read, word};
+use crate::support::frames::Frames;
 use crate::support::tell;
 
 const LINES: u64 = 8;
@@ -64,6 +65,7 @@ impl Count {
 
 /// Answers requests endlessly, one in twelve wrongly. `asked` is the time of the last request.
 async fn answers_badly(
+    frames: Frames,
     plug: Arc<Plug>,
     mut random: Pcg32,
     asked: watch::Receiver<Instant>,
@@ -73,7 +75,7 @@ async fn answers_badly(
     loop {
         let question = plug.asked().await;
         let since = *asked.borrow();
-        let honest = answer(question);
+        let honest = frames.encode(answer(question));
         let at = random.random_range(0..honest.len());
         match random.random_range(0..120) {
             0..4 => {
@@ -100,7 +102,10 @@ async fn answers_badly(
                     6 => bytes[at] ^= random.random_range(1..=255u8),
                     7 => bytes.truncate(at),
                     8 => drop(bytes.remove(at)),
-                    _ => bytes = framed(question.0 % 3 + 1, &bytes[1..bytes.len() - 2]),
+                    _ => {
+                        let rtu = answer(question);
+                        bytes = frames.encode(framed(question.0 % 3 + 1, &rtu[1..rtu.len() - 2]));
+                    }
                 }
                 say(&plug, &bytes, since, &is_spoilt);
                 continue;
@@ -131,12 +136,12 @@ fn say(plug: &Plug, bytes: &[u8], since: Instant, is_spoilt: &AtomicBool) {
 }
 
 /// Polls three units of one line, and compares the answers with the registers.
-async fn polls(seed: u64) -> Count {
+async fn polls(frames: Frames, seed: u64) -> Count {
     let mut random = Pcg32::seed_from_u64(seed);
-    let plug = Arc::new(Plug::new());
+    let plug = Arc::new(Plug::with(frames));
     let (tell, asked) = watch::channel(Instant::now());
     let count = RefCell::new(Count::default());
-    let bus = bus(serial(115_200), plug.path.to_str().unwrap(), TIMEOUT);
+    let bus = bus(frames.on_port(115_200), plug.path.to_str().unwrap(), TIMEOUT);
     let polls = async {
         let mut line = line(&bus, 3);
         while !count.borrow().is_enough() {
@@ -171,20 +176,29 @@ async fn polls(seed: u64) -> Count {
     };
     tokio::select! {
         () = polls => {}
-        never = answers_badly(plug.clone(), Pcg32::seed_from_u64(seed + 1000), asked, &count) => match never {},
+        never = answers_badly(frames, plug.clone(), Pcg32::seed_from_u64(seed + 1000), asked, &count) => match never {},
     }
     count.into_inner()
 }
 
-/// Slower than other tests: ten thousand polls at the speed of a serial line, on eight lines in parallel.
 #[test]
 fn ten_thousand_polls_with_late_lost_and_garbled_answers_bring_no_wrong_value() {
+    no_value_is_wrong(Frames::Rtu);
+}
+
+#[test]
+fn ten_thousand_polls_of_modbus_ascii_with_late_lost_and_garbled_answers_bring_no_wrong_value() {
+    no_value_is_wrong(Frames::Ascii);
+}
+
+/// Slower than other tests: ten thousand polls at the speed of a serial line, on eight lines in parallel.
+fn no_value_is_wrong(frames: Frames) {
     let begun = Instant::now();
     let lines: Vec<_> = (0..LINES)
         .map(|seed| {
             std::thread::spawn(move || {
                 let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
-                runtime.block_on(polls(seed))
+                runtime.block_on(polls(frames, seed))
             })
         })
         .collect();

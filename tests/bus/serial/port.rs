@@ -16,21 +16,29 @@ use isotherm::fieldbus::send_guard::SendDeadline;
 use isotherm::fieldbus::wire::{Answer, Request};
 use isotherm_core::codec::{Register, Table, checksum};
 use isotherm_core::continuity::Break;
-use isotherm_profile::{Bus, BusId, Device, DeviceId, Functions, Parity, Quirks, ReadBy, Serial, Transport};
+use isotherm_profile::{Bus, BusId, Device, DeviceId, Functions, Quirks, ReadBy, Transport};
 use rustix::event::{PollFd, PollFlags, Timespec};
 use rustix::fs::OFlags;
 use rustix::io::Errno;
 use rustix::pty::OpenptFlags;
 use rustix::termios::OptionalActions;
 
+use crate::support::frames::{Frames, Received};
+
 /// Hardware end of a new pseudo-terminal.
 pub(crate) struct Plug {
     end: OwnedFd,
     pub(crate) path: PathBuf,
+    frames: Frames,
 }
 
 impl Plug {
     pub(crate) fn new() -> Plug {
+        Plug::with(Frames::Rtu)
+    }
+
+    /// Returns the end of a port on which masters send these frames.
+    pub(crate) fn with(frames: Frames) -> Plug {
         let flags = OpenptFlags::RDWR | OpenptFlags::NOCTTY | OpenptFlags::CLOEXEC;
         let end = rustix::pty::openpt(flags).unwrap();
         rustix::pty::grantpt(&end).unwrap();
@@ -40,7 +48,7 @@ impl Plug {
         rustix::termios::tcsetattr(&end, OptionalActions::Now, &termios).unwrap();
         rustix::fs::fcntl_setfl(&end, rustix::fs::fcntl_getfl(&end).unwrap() | OFlags::NONBLOCK).unwrap();
         let path = PathBuf::from(rustix::pty::ptsname(&end, Vec::new()).unwrap().into_string().unwrap());
-        Plug { end, path }
+        Plug { end, path, frames }
     }
 
     /// Points this name to the port, as the system does when an adapter is plugged in.
@@ -82,9 +90,10 @@ impl Plug {
 
     /// Waits for the next read request: unit, function, first register, count.
     pub(crate) async fn asked(&self) -> (u8, u8, u16, u16) {
-        let mut received: Vec<u8> = Vec::new();
+        let mut received = Received::new(self.frames);
         loop {
-            received.extend(self.heard());
+            received.push(&self.heard());
+            let received = &received.bytes;
             if let Some(place) = (0..received.len()).find(|place| is_frame(&received[*place..])) {
                 let bytes = &received[place..place + 8];
                 let word = |at: usize| u16::from_be_bytes([bytes[at], bytes[at + 1]]);
@@ -139,7 +148,7 @@ pub(crate) fn bus(transport: Transport, address: &str, timeout: Duration) -> Bus
 }
 
 pub(crate) fn serial(baud: u32) -> Transport {
-    Transport::Serial(Serial { baud, parity: Parity::None, stop_bits: 1 })
+    Frames::Rtu.on_port(baud)
 }
 
 /// Devices that may have been exchanged, in the order of the reports.

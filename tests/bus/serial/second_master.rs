@@ -11,7 +11,7 @@ use isotherm::fieldbus::line::Attribution;
 use isotherm::fieldbus::wire::Answer;
 use isotherm::gateway::{Gateway, Options};
 use isotherm_core::codec::checksum;
-use isotherm_profile::{DeviceId, Transport, parse};
+use isotherm_profile::{DeviceId, parse};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg32;
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
@@ -19,6 +19,7 @@ use tokio::net::{TcpListener, TcpStream};
 use tokio::time::Instant;
 
 use crate::serial::port::{answer, bus, line, read, word};
+use crate::support::frames::{Frames, Received};
 
 /// Unit, function, first register, count.
 type Question = (u8, u8, u16, u16);
@@ -44,11 +45,11 @@ struct Other {
 
 /// Serves one serial line to two masters, one request at a time. Each answer is sent to the gateway's connection. The
 /// other master sends requests at random times while `is_there` is set.
-async fn serves(mut stream: TcpStream, seed: u64, other: Arc<Other>) {
+async fn serves(frames: Frames, mut stream: TcpStream, seed: u64, other: Arc<Other>) {
     stream.set_nodelay(true).unwrap();
     let mut random = Pcg32::seed_from_u64(seed);
     let mut asked: VecDeque<Question> = VecDeque::new();
-    let mut received: Vec<u8> = Vec::new();
+    let mut received = Received::new(frames);
     let mut done = Instant::now();
     let mut other_asks = Instant::now();
     loop {
@@ -56,12 +57,14 @@ async fn serves(mut stream: TcpStream, seed: u64, other: Arc<Other>) {
         let before = asked.len();
         tokio::select! {
             count = stream.read(&mut bytes) => match count {
-                Ok(count) if count > 0 => received.extend(&bytes[..count]),
+                Ok(count) if count > 0 => received.push(&bytes[..count]),
                 _ => return,
             },
             () = tokio::time::sleep_until(done), if !asked.is_empty() => {
                 other.late.fetch_add(u32::from(done.elapsed() > HELD), Ordering::SeqCst);
-                if let Some(question) = asked.pop_front() && stream.write_all(&answer(question)).await.is_err() {
+                if let Some(question) = asked.pop_front()
+                    && stream.write_all(&frames.encode(answer(question))).await.is_err()
+                {
                     return;
                 }
                 done = Instant::now() + EXCHANGE;
@@ -73,11 +76,11 @@ async fn serves(mut stream: TcpStream, seed: u64, other: Arc<Other>) {
                 }
             }
         }
-        while let Some(frame) = received.get(..8) {
+        while let Some(frame) = received.bytes.get(..8) {
             assert_eq!(checksum(&frame[..6]).to_le_bytes(), frame[6..8], "{frame:x?}");
             let word = |at: usize| u16::from_be_bytes([frame[at], frame[at + 1]]);
             asked.push_back((frame[0], frame[1], word(2), word(4)));
-            received.drain(..8);
+            received.bytes.drain(..8);
         }
         if before == 0 && !asked.is_empty() {
             done = Instant::now() + EXCHANGE;
@@ -86,23 +89,32 @@ async fn serves(mut stream: TcpStream, seed: u64, other: Arc<Other>) {
 }
 
 /// Starts a server that serves one connection at a time. Returns its address.
-async fn server(seed: u64, other: &Arc<Other>) -> String {
+async fn server(frames: Frames, seed: u64, other: &Arc<Other>) -> String {
     let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
     let (address, other) = (listener.local_addr().unwrap().to_string(), other.clone());
     tokio::spawn(async move {
         for connection in 0.. {
             let (stream, _) = listener.accept().await.unwrap();
-            serves(stream, seed + connection, other.clone()).await;
+            serves(frames, stream, seed + connection, other.clone()).await;
         }
     });
     address
 }
 
-/// This test needs a few seconds, because the line has a fixed speed.
 #[tokio::test]
 async fn an_answer_that_may_be_the_other_master_s_is_marked_as_soon_as_that_was_noticed() {
+    answers_of_the_other_master_are_marked(Frames::Rtu).await;
+}
+
+#[tokio::test]
+async fn an_ascii_answer_that_may_be_the_other_master_s_is_marked_as_soon_as_that_was_noticed() {
+    answers_of_the_other_master_are_marked(Frames::Ascii).await;
+}
+
+/// This test needs a few seconds, because the line has a fixed speed.
+async fn answers_of_the_other_master_are_marked(frames: Frames) {
     let other = Arc::new(Other { is_there: AtomicBool::new(true), ..Other::default() });
-    let bus = bus(Transport::RtuOverTcp, &server(1, &other).await, TIMEOUT);
+    let bus = bus(frames.through_tcp(), &server(frames, 1, &other).await, TIMEOUT);
     let mut line = line(&bus, 1);
     let (mut right, mut wrong, mut contested, mut unmarked, mut mistaken, mut void) = (0, 0, 0, 0, 0, 0);
     for poll in 0..200_u16 {
@@ -141,9 +153,10 @@ async fn an_answer_that_may_be_the_other_master_s_is_marked_as_soon_as_that_was_
     assert!(confirmed > 0 && mistaken == 0, "{mistaken} of {confirmed}");
 }
 
-fn profile(address: &str, max_rate: &str) -> isotherm_profile::Profile {
+fn profile(frames: Frames, address: &str, max_rate: &str) -> isotherm_profile::Profile {
+    let kind = frames.type_through_tcp();
     let mut text = format!(
-        "[machine]\nname = \"cell\"\n[bus.cell]\ntype = \"modbus-rtu-over-tcp\"\naddress = \"{address}\"\n\
+        "[machine]\nname = \"cell\"\n[bus.cell]\ntype = \"{kind}\"\naddress = \"{address}\"\n\
          timeout = \"40ms\"\n[device.m]\nbus = \"cell\"\nunit = 1\nevery = \"100ms\"\n"
     );
     for (signal, register) in [("bed", 0), ("oil", 100)] {
@@ -156,9 +169,9 @@ fn profile(address: &str, max_rate: &str) -> isotherm_profile::Profile {
 }
 
 /// Returns the number of good samples, of wrong ones among them, and the reports about the line.
-async fn watched(max_rate: &str, seed: u64) -> (usize, usize, Vec<String>) {
+async fn watched(frames: Frames, max_rate: &str, seed: u64) -> (usize, usize, Vec<String>) {
     let other = Arc::new(Other::default());
-    let profile = profile(&server(seed, &other).await, max_rate);
+    let profile = profile(frames, &server(frames, seed, &other).await, max_rate);
     let gateway = Gateway::new(profile, &Clock::wall(), Options::default());
     let source = gateway.source();
     let (mut good, mut wrong) = (0, 0);
@@ -186,10 +199,19 @@ async fn watched(max_rate: &str, seed: u64) -> (usize, usize, Vec<String>) {
     (good, wrong, reported.collect())
 }
 
-/// This test needs 13 s, because the line has a fixed speed.
 #[tokio::test]
 async fn a_second_master_is_an_alarm_and_its_register_is_no_reading() {
-    let runs = [watched("max_rate = 0.5", 11), watched("max_rate = 0.5", 12), watched("max_rate = 0.5", 13)];
+    its_register_is_no_reading(Frames::Rtu).await;
+}
+
+#[tokio::test]
+async fn a_second_master_with_modbus_ascii_is_an_alarm_and_its_register_is_no_reading() {
+    its_register_is_no_reading(Frames::Ascii).await;
+}
+
+/// This test needs 13 s, because the line has a fixed speed.
+async fn its_register_is_no_reading(frames: Frames) {
+    let runs = [11, 12, 13].map(|seed| watched(frames, "max_rate = 0.5", seed));
     for run in futures_of(runs).await {
         let (good, wrong, reported) = run;
         println!("{good} good samples, {wrong} of the other master; {reported:?}");
@@ -200,7 +222,7 @@ async fn a_second_master_is_an_alarm_and_its_register_is_no_reading() {
         assert!(last.contains("bed, oil") && last.contains("only one master is allowed on a line"), "{last}");
         assert!(!last.contains("cannot be detected"), "{last}");
     }
-    let (good, wrong, reported) = watched("", 14).await;
+    let (good, wrong, reported) = watched(frames, "", 14).await;
     println!("without max_rate: {good} good samples, {wrong} of the other master; {reported:?}");
     assert!(
         reported

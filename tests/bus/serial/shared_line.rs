@@ -8,11 +8,12 @@ use isotherm::gateway::{Gateway, Options};
 use isotherm::virtual_machine::{FaultScript, Ports, Setup, VirtualMachine};
 use isotherm_profile::{Profile, parse};
 
+use crate::support::frames::Frames;
 use crate::support::tell;
 
 const DEAD: [usize; 3] = [5, 17, 30];
 const SPAN: Duration = Duration::from_secs(12);
-/// Minimum number of polls in [`SPAN`] without dead units. The line has time for 740.
+/// Minimum number of polls in [`SPAN`] without dead units. A line with RTU has time for 740.
 ///
 /// Both lines run at the same time. A busy computer slows both, and their ratio stays the same. With less than half of
 /// the polls, the pauses of the dead units have too much weight, and the run is void. It is also void if live units
@@ -21,10 +22,15 @@ const LEAST: usize = 370;
 const TRIES: usize = 5;
 
 /// Returns a profile of units with four temperatures each, polled as fast as the line allows.
-fn profile(units: &[usize]) -> Profile {
-    let mut text = String::from(
-        "[machine]\nname = \"shared-line\"\n[bus.rs485]\ntype = \"modbus-rtu\"\nport = \"/dev/serial/by-id/usb-x\"\n\
-         baud = 19200\ntimeout = \"100ms\"\n",
+fn profile(frames: Frames, units: &[usize]) -> Profile {
+    // An ASCII frame has two characters for each byte.
+    let (kind, baud) = match frames {
+        Frames::Rtu => ("modbus-rtu", 19_200),
+        Frames::Ascii => ("modbus-ascii", 57_600),
+    };
+    let mut text = format!(
+        "[machine]\nname = \"shared-line\"\n[bus.rs485]\ntype = \"{kind}\"\nport = \"/dev/serial/by-id/usb-x\"\n\
+         baud = {baud}\ntimeout = \"100ms\"\n",
     );
     for unit in units {
         text += &format!("[device.u{unit}]\nbus = \"rs485\"\nunit = {unit}\nevery = \"2s\"\n");
@@ -58,17 +64,27 @@ async fn polls(profile: Profile, faults: &str) -> Vec<(usize, u64)> {
     polls.into_iter().zip(failed).collect()
 }
 
-/// Slower than other tests: dead units have pauses of seconds, and both runs must be much longer.
 #[tokio::test]
 async fn three_dead_of_thirty_two_units_leave_the_live_ones_four_fifths_of_what_the_line_allows_without_them()
 {
+    live_units_keep_their_polls(Frames::Rtu).await;
+}
+
+#[tokio::test]
+async fn three_dead_units_with_modbus_ascii_leave_the_live_ones_four_fifths_of_what_the_line_allows() {
+    live_units_keep_their_polls(Frames::Ascii).await;
+}
+
+/// Slower than other tests: dead units have pauses of seconds, and both runs must be much longer.
+async fn live_units_keep_their_polls(frames: Frames) {
     let all: Vec<usize> = (1..=32).collect();
     let live: Vec<usize> = all.iter().copied().filter(|unit| !DEAD.contains(unit)).collect();
     let faults: String =
         DEAD.iter().map(|unit| format!("[[fault]]\ndevice = \"u{unit}\"\nkind = \"silent\"\n")).collect();
     let mut tries = 0;
     let (allowed, with) = loop {
-        let (without, with) = tokio::join!(polls(profile(&live), ""), polls(profile(&all), &faults));
+        let (without, with) =
+            tokio::join!(polls(profile(frames, &live), ""), polls(profile(frames, &all), &faults));
         let allowed: usize = without.iter().map(|(polls, _)| polls).sum();
         let of_live = live.iter().map(|unit| &with[unit - 1]);
         let lost: u64 = without.iter().chain(of_live).map(|(_, failed)| failed).sum();

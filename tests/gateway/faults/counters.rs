@@ -59,3 +59,36 @@ fn a_counter_that_is_set_anew_is_reported_as_that_and_is_believed_at_its_new_pla
     let states = trace.states_between(20, 120);
     assert_eq!(states, ["active"], "the axis goes on\n{}", trace.lines());
 }
+
+/// Runs the bench with a counter of 24 bits that shows 1 for half a minute, and then this count.
+fn of_24_bits(kind: &str, count: i64) -> Trace {
+    let of_32_bits = "type = \"i32\"\nword_order = \"lsw-first\"\nscale = 0.0001\n";
+    let of_24_bits = format!("type = \"{kind}\"\nword_order = \"lsw-first\"\nscale = 0.001\n");
+    let text = BENCH.replacen(of_32_bits, &of_24_bits, 1);
+    let text = text.replacen("max_rate = 50.0", "counter = { max_speed = 50.0 }", 1);
+    assert!(text.contains(&of_24_bits) && text.contains("max_speed"));
+    let shows = |raw: i64, keys: &str| {
+        format!(
+            "[[fault]]\ndevice = \"counter\"\nkind = \"sentinel\"\nsignal = \"scale_z\"\nraw = {raw}\n{keys}\n"
+        )
+    };
+    let faults = shows(1, "for_time = \"30s\"") + &shows(count, "at = \"30s\"");
+    run(&text, &faults, Duration::from_secs(60))
+}
+
+#[test]
+fn an_axis_with_a_counter_of_24_bits_passes_through_zero() {
+    for (kind, count) in [("u24", 0x00ff_ffff), ("i24", -1)] {
+        let trace = of_24_bits(kind, count);
+        assert_eq!(trace.reported("rereferenced"), 0, "{kind}\n{}", trace.lines());
+        for (from, to, expected) in [(5, 28, 0.001), (33, 58, -0.001)] {
+            let values = shown(&trace, from, to);
+            let is_expected = |value: &f64| (value - expected).abs() < 1e-9;
+            assert!(values.len() > 10 && values.iter().all(is_expected), "{kind}: {values:?}");
+        }
+        // The corrected position is the position plus Cz, which is at most 40 µm.
+        let corrected = trace.writes("readout_z");
+        assert!(corrected.iter().any(|(at, _)| trace.seconds(*at) > 40.0), "{kind}");
+        assert!(corrected.iter().all(|(_, position)| position.abs() < 0.05), "{kind}: {corrected:?}");
+    }
+}

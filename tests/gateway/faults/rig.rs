@@ -24,6 +24,11 @@ pub(crate) const LATHE: &str = include_str!("lathe.toml");
 /// Fast serial line, so that a test of a whole day is not long.
 pub(crate) const PORT: Transport =
     Transport::Serial(Serial { baud: 115_200, parity: Parity::Even, stop_bits: 1 });
+/// The same with frames of Modbus ASCII.
+pub(crate) const ASCII_PORT: Transport = Transport::ModbusAscii {
+    serial: Serial { baud: 115_200, parity: Parity::Even, stop_bits: 1 },
+    data_bits: 7,
+};
 pub(crate) const GRINDER: &str = include_str!("../../../profiles/surface-grinder.toml");
 
 /// Interval of the samples of the gateway's status.
@@ -77,7 +82,8 @@ pub(crate) fn block_on<F: Future>(future: F) -> F::Output {
     tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap().block_on(future)
 }
 
-/// Variable that makes every line of every test use RTU: `rtu-over-tcp`, or `rtu` for ports.
+/// Variable that makes every line of every test use other frames: `rtu-over-tcp`, `rtu` for ports, `ascii-over-tcp`,
+/// or `ascii` for ports.
 const LINES: &str = "TEST_LINES";
 
 pub(crate) fn profile(text: &str) -> Profile {
@@ -87,6 +93,8 @@ pub(crate) fn profile(text: &str) -> Profile {
         Err(_) | Ok("tcp") => return profile,
         Ok("rtu-over-tcp") => Transport::RtuOverTcp,
         Ok("rtu") => PORT,
+        Ok("ascii-over-tcp") => Transport::ModbusAsciiOverTcp,
+        Ok("ascii") => ASCII_PORT,
         Ok(other) => panic!("{LINES}: no line is made of `{other}`"),
     };
     profile.buses.iter_mut().for_each(|bus| bus.transport = transport);

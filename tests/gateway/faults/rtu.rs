@@ -1,11 +1,11 @@
-//! The faults on RTU: all devices over TCP, or the thermocouples on a serial port.
+//! The faults on RTU and on Modbus ASCII: all devices over TCP, or the thermocouples on a serial port.
 
 use std::time::Duration;
 
 use isotherm_profile::{Profile, Transport};
 
 use crate::faults::answers::{one_line_each_way, others_went_on, was_never_believed};
-use crate::faults::rig::{BENCH, PORT, Trace, World, block_on, profile};
+use crate::faults::rig::{ASCII_PORT, BENCH, PORT, Trace, World, block_on, profile};
 
 const MINUTE: Duration = Duration::from_secs(60);
 
@@ -14,15 +14,15 @@ fn bench() -> Profile {
     profile(&BENCH.replace("100ms", "300ms"))
 }
 
-fn through_tcp() -> Profile {
+fn through_tcp(transport: Transport) -> Profile {
     let mut profile = bench();
-    profile.buses.iter_mut().for_each(|bus| bus.transport = Transport::RtuOverTcp);
+    profile.buses.iter_mut().for_each(|bus| bus.transport = transport);
     profile
 }
 
-fn on_a_port() -> Profile {
+fn on_a_port(port: Transport) -> Profile {
     let mut profile = bench();
-    profile.buses[0].transport = PORT;
+    profile.buses[0].transport = port;
     profile
 }
 
@@ -117,18 +117,24 @@ fn is_unplugged_and_comes_back(profile: Profile) {
     assert_eq!(states, ["active", "holding", "ramping", "zeroed", "active"], "{}", trace.lines());
 }
 
-macro_rules! both {
+macro_rules! each_line {
     ($($fault:ident)*) => {
         mod an_answer_through_tcp_that {
-            $(#[test] fn $fault() { super::$fault(super::through_tcp()); })*
+            $(#[test] fn $fault() { super::$fault(super::through_tcp(super::Transport::RtuOverTcp)); })*
         }
         mod an_answer_on_a_port_that {
-            $(#[test] fn $fault() { super::$fault(super::on_a_port()); })*
+            $(#[test] fn $fault() { super::$fault(super::on_a_port(super::PORT)); })*
+        }
+        mod an_ascii_answer_through_tcp_that {
+            $(#[test] fn $fault() { super::$fault(super::through_tcp(super::Transport::ModbusAsciiOverTcp)); })*
+        }
+        mod an_ascii_answer_on_a_port_that {
+            $(#[test] fn $fault() { super::$fault(super::on_a_port(super::ASCII_PORT)); })*
         }
     };
 }
 
-both! {
+each_line! {
     is_silent is_late_for_a_minute is_very_late_once answers_exceptions has_a_wrong_checksum
     is_in_another_unit_s_name is_of_another_function is_too_short is_too_long is_garbage is_a_closed_line
     comes_one_byte_at_a_time is_half_open is_unplugged_and_comes_back

@@ -1,4 +1,4 @@
-//! Serial server that buffers RTU over a socket. It passes on requests and answers late and in blocks, to the client
+//! Serial server that buffers the frames of a serial line over a socket. It passes on requests and answers late and in blocks, to the client
 //! that is connected then, whatever the client has requested in the meantime.
 
 use std::io::{Read, Write};
@@ -16,13 +16,14 @@ use crate::late_writes::control::{Control, Shared};
 use crate::late_writes::device::gateway::{self, wait_until};
 use crate::late_writes::device::server::Question;
 use crate::late_writes::rig::{LEDGER, all_at_once, nobody_is_blamed};
+use crate::support::frames::{Frames, Received};
 
 /// Two units with two registers each. An answer that is taken for another one has a wrong value.
 const PROFILE: &str = r#"
 [machine]
 name = "buffered"
 [bus.line]
-type = "modbus-rtu-over-tcp"
+type = "TYPE"
 address = "ADDRESS"
 timeout = "3000ms"
 late = "20s"
@@ -129,7 +130,7 @@ impl Out {
 }
 
 /// Starts the serial server in front of this control. Returns its address, and how often it has buffered something.
-fn serve(control: &Shared, keeps: Keeps) -> (SocketAddr, Arc<Mutex<usize>>) {
+fn serve(frames: Frames, control: &Shared, keeps: Keeps) -> (SocketAddr, Arc<Mutex<usize>>) {
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
     let address = listener.local_addr().unwrap();
     let (out, count) = (Arc::new(Mutex::new(Out::default())), Arc::new(Mutex::new(0)));
@@ -158,16 +159,16 @@ fn serve(control: &Shared, keeps: Keeps) -> (SocketAddr, Arc<Mutex<usize>>) {
     });
     let (control, counted) = (control.clone(), count.clone());
     std::thread::spawn(move || {
-        let (mut waiting, mut seen) = (Vec::new(), 0);
+        let (mut waiting, mut seen) = (Received::new(frames), 0);
         for some in line {
-            waiting.extend(some);
-            while let Some(question) = Question::of_rtu(&mut waiting, 0) {
+            waiting.push(&some);
+            while let Some(question) = Question::of_rtu(&mut waiting.bytes, 0) {
                 let span = (about(&question) == keeps.about).then(|| next(&mut seen, &counted)).flatten();
                 if let Some(span) = span.filter(|_| keeps.what == What::Question) {
                     std::thread::sleep(span);
                 }
                 std::thread::sleep(EXCHANGE);
-                let answer = carry_out(&question, &control);
+                let answer = frames.encode(carry_out(&question, &control));
                 let mut out = out.lock().unwrap();
                 if let Some(span) = span.filter(|_| keeps.what == What::Answer) {
                     out.until = Clock::wall().now().after(span);
@@ -207,15 +208,15 @@ fn carry_out(question: &Question, control: &Shared) -> Vec<u8> {
 }
 
 /// Runs up to 5 µm and down to −2 µm, with the other axis in the opposite direction.
-fn kept(keeps: Keeps, more: &str) {
-    let name = format!("{keeps:?} {more:?}");
+fn kept(frames: Frames, keeps: Keeps, more: &str) {
+    let name = format!("{frames:?} {keeps:?} {more:?}");
     let control = Control::of(|_| unreachable!());
     control.lock().unwrap().words[1] = 900;
-    let (address, count) = serve(&control, keeps);
+    let (address, count) = serve(frames, &control, keeps);
     let axis = |name: &str, gain: &str, register: &str| {
         AXIS.replace("NAME", name).replace("GAIN", gain).replace("REGISTER", register) + more
     };
-    let text = PROFILE.replace("ADDRESS", &address.to_string());
+    let text = PROFILE.replace("ADDRESS", &address.to_string()).replace("TYPE", frames.type_through_tcp());
     let text = text + &axis("z", "1.0", "10") + &axis("y", "-1.0", "11");
     let seen = control.clone();
     let stands = move |z: i16| {
@@ -262,8 +263,18 @@ fn turns_once(stood: &[i16], at: i16) -> bool {
 
 #[test]
 fn behind_a_serial_server_that_buffers_no_late_answer_is_believed_and_it_arrives_without_a_jump() {
+    all_are_kept(Frames::Rtu);
+}
+
+#[test]
+fn behind_a_serial_server_that_buffers_ascii_no_late_answer_is_accepted_and_it_arrives_without_a_jump() {
+    all_are_kept(Frames::Ascii);
+}
+
+#[track_caller]
+fn all_are_kept(frames: Frames) {
     let cases = [About::Temperature, About::Look, About::Write].into_iter();
     let cases = cases.flat_map(|about| [What::Question, What::Answer].map(|what| Keeps { what, about }));
     let cases = cases.flat_map(|keeps| ["", LEDGER].map(|more| (keeps, more)));
-    all_at_once(cases.map(|(keeps, more)| move || kept(keeps, more)));
+    all_at_once(cases.map(move |(keeps, more)| move || kept(frames, keeps, more)));
 }

@@ -63,6 +63,35 @@ fn a_sylvac_gauge_is_read_with_the_decimals_of_millimetres() {
 }
 
 #[test]
+fn mitutoyo_gauges_are_read_in_millimetres_only() {
+    let profile = signal("template = \"mitutoyo-usb-itn\"", "\"value\"");
+    assert_eq!(request(&profile), "1\r");
+    assert_eq!(read(&profile, "01A+0000.123"), Ok((0.123, true)));
+    assert_eq!(read(&profile, "01A-0012.345"), Ok((-12.345, true)));
+    for line in ["01A+00.12345", "01A+000.1234", "01A+000.123", "911", "918", "1"] {
+        assert_eq!(read(&profile, line), Err(Reason::BadReply), "{line}");
+    }
+    let profile = signal("template = \"mitutoyo-id-h\"\nunit = 0x10", "\"value\"");
+    assert_eq!(request(&profile), "GA10\r\n");
+    assert_eq!(read(&profile, "GN10,+0016.2345"), Ok((16.2345, true)));
+    assert_eq!(read(&profile, "GN10,-0016.2345"), Ok((-16.2345, true)));
+    for line in ["GX10,+0016.2345", "GN01,+0016.2345", "GN10,+016.23450", "GN10,+016.2345", "CH10"] {
+        assert_eq!(read(&profile, line), Err(Reason::BadReply), "{line}");
+    }
+}
+
+#[test]
+fn a_givi_readout_is_read_by_the_command_for_its_position() {
+    let profile = signal("template = \"givi-vision-518\"", "\"position\"");
+    assert_eq!(request(&profile), "Q\r\n");
+    assert_eq!(read(&profile, "    5708.65"), Ok((5708.65, true)));
+    assert_eq!(read(&profile, "-0.05"), Ok((-0.05, true)));
+    for line in ["=DIGITAL READOUT=", "AXIS X: 223.99", "UNIT : MM", "8.8185"] {
+        assert_eq!(read(&profile, line), Err(Reason::BadReply), "{line}");
+    }
+}
+
+#[test]
 fn a_dcon_module_is_read_by_its_address_with_and_without_a_checksum() {
     let device = |variant| format!("template = \"icp-das-i7018-dcon\"\nvariant = \"{variant}\"\nunit = 4");
     let plain = signal(&device("checksum-off"), "3");

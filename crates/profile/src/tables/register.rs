@@ -9,7 +9,7 @@ use serde::{Deserialize, Deserializer};
 use super::KeyContext;
 use crate::document::{Json, Section, entries};
 use crate::schema_of::schema_of;
-pub(crate) use cell::{Bits, Cell};
+pub use cell::{Bits, Cell};
 use isotherm_core::codec::{Address, DataType, Encoding, Register, Scale, Table, WordOrder};
 
 mod cell;

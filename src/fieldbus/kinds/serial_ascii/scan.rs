@@ -23,8 +23,8 @@ const LISTEN: Duration = Duration::from_secs(2);
 const MOST_LINES: usize = 4;
 /// Time within which a device answers, if the user chooses no other.
 const ANSWER: Duration = Duration::from_millis(200);
-/// Usual requests of readouts and gauges: Ctrl-B (HEIDENHAIN), `?` (Sylvac), `1` (Mitutoyo).
-const REQUESTS: [&str; 3] = ["\u{2}", "?\r", "1\r"];
+/// Usual requests of readouts and gauges: Ctrl-B (HEIDENHAIN), `?` (Sylvac), `1` and `GA00` (Mitutoyo), `Q` (GIVI).
+const REQUESTS: [&str; 5] = ["\u{2}", "?\r", "1\r", "GA00\r\n", "Q\r\n"];
 /// Last address at which the scan searches for a DCON module.
 const LAST_ADDRESS: u8 = 0x1f;
 /// Number of characters of the checksum of DCON.
@@ -131,7 +131,7 @@ async fn answer(port: &mut TextPort, request: &str, span: Duration) -> Result<Op
     port.discard().await?;
     port.wait_for_silence(Duration::from_millis(20), span).await?;
     port.send(request).await?;
-    let (begun, echo) = (Silence::begin(), request.trim_end_matches('\r'));
+    let (begun, echo) = (Silence::begin(), request.trim_end_matches(['\r', '\n']));
     loop {
         match port.next_line(begun.left_of(span)).await? {
             Some(line) if line == echo => {}
@@ -164,7 +164,7 @@ fn described(address: &str, found: &[Found], is_endless: bool) -> ScanReport {
         None => Err(format!(
             "no text arrived from {address} in {seconds} s, and no device answered. Are baud rate, data bits and \
              parity those of the device? Is the device set to send, for example by a key or a parameter? The scan sends \
-             Ctrl-B, `?` and `1`, and searches for DCON modules at the addresses 00 to {LAST_ADDRESS:02X}",
+             Ctrl-B, `?`, `1`, `GA00` and `Q`, and searches for DCON modules at the addresses 00 to {LAST_ADDRESS:02X}",
         )),
     };
     let json = serde_json::json!({ "address": address, "found": found });

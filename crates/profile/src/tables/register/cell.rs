@@ -12,15 +12,16 @@ const LAST_OF_TWO: u8 = 31;
 
 /// Register of a value, and the bits of it that contain the value.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) struct Cell {
+pub struct Cell {
     /// First register, coil or discrete input.
-    pub(crate) address: Register,
-    pub(crate) bits: Bits,
+    pub address: Register,
+    /// Bits of the register that contain the value.
+    pub bits: Bits,
 }
 
 /// Bits of a register that contain a value.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Bits {
+pub enum Bits {
     /// Whole registers, a coil or a discrete input.
     All,
     /// One bit, 0 to 15.
@@ -30,6 +31,20 @@ pub(crate) enum Bits {
 }
 
 impl Cell {
+    /// Modicon notation, for example `30017.4-7`.
+    pub fn modicon(self) -> String {
+        self.with_bits(&self.address.modicon())
+    }
+
+    /// Adds the bits to the notation of the register.
+    fn with_bits(self, register: &str) -> String {
+        match self.bits {
+            Bits::All => register.to_owned(),
+            Bits::One(bit) => format!("{register}.{bit}"),
+            Bits::Range(first, last) => format!("{register}.{first}-{last}"),
+        }
+    }
+
     /// Resolves the type of the value of several bits. `kind` is the type that the profile states at the key `type` of
     /// `at`. The default is unsigned bits of one register.
     pub(crate) fn part(
@@ -103,11 +118,7 @@ impl FromStr for Cell {
 
 impl fmt::Display for Cell {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self.bits {
-            Bits::All => write!(f, "{}", self.address),
-            Bits::One(bit) => write!(f, "{}.{bit}", self.address),
-            Bits::Range(first, last) => write!(f, "{}.{first}-{last}", self.address),
-        }
+        f.write_str(&self.with_bits(&self.address.to_string()))
     }
 }
 
@@ -120,7 +131,8 @@ mod tests {
         let bits = |text: &str| text.parse::<Cell>().unwrap().bits;
         assert_eq!((bits("holding:7"), bits("holding:7.3")), (Bits::All, Bits::One(3)));
         assert_eq!((bits("holding:7.4-7"), bits("holding:7.0-31")), (Bits::Range(4, 7), Bits::Range(0, 31)));
-        assert_eq!("40008. 4 - 7".parse::<Cell>().unwrap().to_string(), "holding:7.4-7");
+        let part: Cell = "40008. 4 - 7".parse().unwrap();
+        assert_eq!((part.to_string(), part.modicon()), ("holding:7.4-7".to_owned(), "40008.4-7".to_owned()));
         for (text, words) in [
             ("coil:2.0-3", "one bit already"),
             ("input:2.16", "0 to 15"),
