@@ -3,10 +3,13 @@
 //! - `client` — connections to a server, by feature.
 //! - [`check`] — check of such a line in a profile; [`fault`] — faults of a connection.
 //! - [`namespaces`] — namespaces that a profile names by index.
+//! - `conversion` — numbers and node identifiers of the library, by feature.
 
 pub mod check;
 #[cfg(feature = "opcua")]
 pub mod client;
+#[cfg(feature = "opcua")]
+pub mod conversion;
 pub mod fault;
 pub mod namespaces;
 pub mod request;
