@@ -47,9 +47,13 @@ pub const KIND: BusKind = BusKind {
         #[cfg(not(feature = "opcua"))]
         scan: None,
     },
-    virtual_line: VirtualLine::Absent(|bus| {
-        format!("bus {} is an OPC UA server, which this verb does not simulate", bus.name)
-    }),
+    virtual_line: if cfg!(feature = "opcua") {
+        VirtualLine::Served("listens on")
+    } else {
+        VirtualLine::Absent(|bus| {
+            format!("bus {} is an OPC UA server, and this program was built without OPC UA", bus.name)
+        })
+    },
     ..BusKind::PLAIN
 };
 
