@@ -75,8 +75,9 @@ use gate::{ListenerSwitch, live};
 use hardware::Hardware;
 use listener::Switch;
 use modbus::Framing;
+// With `self`, because the library has the same name.
 #[cfg(feature = "opcua")]
-use opcua::{Endpoint, NodeLine, NodeServer, ServerNodes};
+use self::opcua::{Endpoint, NodeLine, NodeServer, ServerNodes};
 use probing::Cycle;
 use pseudo_terminal::{Name, VirtualPort};
 use serial_side::SerialSide;

@@ -11,7 +11,7 @@
 //! # for_time = "10min"
 //! ```
 //!
-//! `docs/virtual.md` describes each kind of fault, its effect on Modbus and on CAN, and its further keys.
+//! `docs/virtual.md` describes each kind of fault, its effect on each kind of line, and its further keys.
 
 use std::time::Duration;
 

@@ -59,7 +59,7 @@ unit   = "mm"
 limit    = 40.0
 step     = 1.0
 rate     = 100.0
-every    = "1s"
+every    = "10s"
 on_fault = { action = "hold" }
 
 [[axis.z.model]]
