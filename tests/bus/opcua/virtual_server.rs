@@ -13,7 +13,7 @@ use isotherm_core::reading::{Reason, Status};
 use isotherm_profile::DeviceId;
 
 /// Timeout of a line. A virtual server answers within milliseconds.
-const TIMEOUT: Duration = Duration::from_millis(500);
+const TIMEOUT: Duration = Duration::from_secs(1);
 
 /// Signals in arrays, one of them in a namespace that the profile names by its URI.
 const ELEMENTS: &str = r#"
@@ -113,7 +113,7 @@ async fn a_fault_of_a_signal_is_the_quality_of_its_reading_alone() {
 async fn a_fault_of_an_answer_costs_one_call_and_no_value_is_wrong() {
     for (kind, more, expected) in [
         ("silent", "", Some(Fault::Timeout)),
-        ("late", "delay = \"2s\"", Some(Fault::Timeout)),
+        ("late", "delay = \"3s\"", Some(Fault::Timeout)),
         ("half-open", "", Some(Fault::Timeout)),
         ("close", "", None),
         ("garbage", "", None),
