@@ -22,7 +22,7 @@
 //! dependencies.
 //!
 //! ```text
-//! clock ← fieldbus ← gateway ← cli        clock, the CAN socket and faults of fieldbus ← virtual_machine ← cli
+//! clock ← fieldbus ← gateway ← cli        clock, CAN socket, OPC UA values, faults ← virtual_machine ← cli
 //! clock ← observe ← cli                   events, askers and status of observe ← gateway
 //! fieldbus ← discovery ← cli              tls ← net ← { fieldbus, observe }
 //! ```

@@ -1,7 +1,7 @@
 //! Virtual machine: simulated hardware that serves the devices of a profile.
 //!
 //! The virtual machine serves the Modbus devices of a profile, and those that send text, on real sockets and
-//! pseudo-terminals. It serves the CAN devices on their interface. A simulated machine (the plant) warms up, drifts and
+//! pseudo-terminals. It serves the CAN devices on their interface, and the nodes of OPC UA servers. A simulated machine (the plant) warms up, drifts and
 //! bends by its own model, and its true error is known. Offsets that a client writes act on the plant as on a real
 //! machine, so that a run shows the effect of the compensation. A fault script causes faults of answers, sensors,
 //! connections and memories.
@@ -16,7 +16,8 @@
 //! journal   recorded requests, for tests                  control   strobes, acknowledges, sets accepted as a whole
 //! probing   the control's probing cycle, of the axes with a probe
 //! can       nodes of a CAN interface                      random    a random number generator for each purpose
-//! text      devices that send lines of text
+//! text      devices that send lines of text                opcua     OPC UA servers, by feature
+//! listener  connections of devices that send text, and of OPC UA servers
 //! ```
 //!
 //! # Time
@@ -44,7 +45,10 @@ mod control;
 mod gate;
 mod hardware;
 mod journal;
+mod listener;
 mod modbus;
+#[cfg(feature = "opcua")]
+mod opcua;
 mod port;
 mod probing;
 mod pseudo_terminal;
@@ -69,12 +73,16 @@ use can::line::{CanLine, Port};
 use fault::Faults;
 use gate::{ListenerSwitch, live};
 use hardware::Hardware;
+use listener::Switch;
 use modbus::Framing;
+// With `self`, because the library has the same name.
+#[cfg(feature = "opcua")]
+use self::opcua::{Endpoint, NodeLine, NodeServer, ServerNodes};
 use probing::Cycle;
 use pseudo_terminal::{Name, VirtualPort};
 use serial_side::SerialSide;
 use server::{Line, OpenOrClose, Shared};
-use text::{Ask, Switch, TextGroup, TextLine};
+use text::{Ask, TextGroup, TextLine};
 
 /// Interval at which the true error is sampled and the start of faults is checked.
 pub const TICK: Duration = Duration::from_secs(1);
@@ -142,6 +150,14 @@ pub enum VirtualMachineError {
         address: String,
         /// Error of the system.
         source: std::io::Error,
+    },
+    /// The virtual machine cannot simulate a bus.
+    #[error("bus `{bus}` cannot be simulated: {why}")]
+    NotSimulated {
+        /// Name of the bus in the profile.
+        bus: String,
+        /// Reason.
+        why: String,
     },
     /// A task of the virtual machine has failed.
     #[error("the virtual machine has failed: {0}")]
@@ -217,6 +233,8 @@ impl VirtualMachine {
         let faults = Faults::new(setup.faults, begin);
         let cycles = Cycle::of(profile, setup.probe_every.unwrap_or(PROBED_EVERY), begin);
         let (in_registers, texts) = text::in_registers(profile);
+        #[cfg(feature = "opcua")]
+        let in_registers = opcua::with_types(in_registers);
         let mut hardware = Hardware::new(&in_registers, plant, setup.seed, faults, begin, cycles);
         hardware.journal = setup.journal.then(Vec::new);
         let shared = Shared::new(hardware, clock.clone());
@@ -268,6 +286,11 @@ impl VirtualMachine {
                     machine.keep(bus.address.clone(), can::line::serve(port, line, clock.join(), stop));
                     machine.addresses.push((BusId(index), bus.address.clone()));
                     continue;
+                }
+                #[cfg(feature = "opcua")]
+                Transport::OpcUa => {
+                    let Some(device) = on_line(profile, index).map(|(_, id)| id).next() else { continue };
+                    machine.node_gate(&in_registers, (index, device), setup.ports, stop).await?
                 }
                 // Lines of other types are not simulated. Their devices are left out.
                 _ => continue,
@@ -326,6 +349,36 @@ impl VirtualMachine {
         (ListenerSwitch { devices, switch, is_open: true }, Arc::new(line), switched)
     }
 
+    /// Serves the nodes of a bus, whose first device is given. Returns the URL of the server, and the switch of its
+    /// listener.
+    #[cfg(feature = "opcua")]
+    async fn node_gate(
+        &mut self,
+        typed: &Profile,
+        (index, device): (usize, DeviceId),
+        ports: Ports,
+        stop: watch::Receiver<bool>,
+    ) -> Result<(String, ListenerSwitch), VirtualMachineError> {
+        let bus = &typed.buses[index];
+        let nodes = ServerNodes::of(typed, index);
+        let nodes = nodes.map_err(|why| VirtualMachineError::NotSimulated { bus: bus.name.clone(), why })?;
+        let (place, _) = Endpoint::parts(&bus.address);
+        let at_place = isotherm_profile::Bus { address: place.to_owned(), ..bus.clone() };
+        let listener = listen(&at_place, ports).await?;
+        let port = listener.local_addr().map_err(|source| refused(bus, source))?.port();
+        let host = match ports {
+            Ports::AsInProfile => place.rsplit_once(':').map_or(place, |(host, _)| host),
+            Ports::Free => "127.0.0.1",
+        };
+        let endpoint = Endpoint::new(bus, host, port);
+        let line = NodeLine::new(nodes, self.shared.parts(), device);
+        let server = NodeServer::start(line, &endpoint).await.map_err(|source| refused(bus, source))?;
+        let (switch, switched) = mpsc::channel::<OpenOrClose>(1);
+        self.keep(endpoint.url(), server.serve(listener, switched, stop));
+        let devices = on_line(typed, index).map(|(_, id)| id).collect();
+        Ok((endpoint.url(), ListenerSwitch { devices, switch, is_open: true }))
+    }
+
     fn can_line(&self, profile: &Profile, bus: usize, begin: Moment) -> CanLine {
         let places = self.shared.hardware().places(on_line(profile, bus).map(|(_, id)| id));
         CanLine { places, shared: self.shared.clone(), begin }
@@ -335,7 +388,7 @@ impl VirtualMachine {
         self.tasks.spawn(async move { serving.await.map_err(|error| format!("{address}: {error}")) });
     }
 
-    /// Returns the actual address of each bus: host and port, path of a serial port, or CAN interface.
+    /// Returns the actual address of each bus: host and port, URL, path of a serial port, or CAN interface.
     pub fn addresses(&self) -> &[(BusId, String)] {
         &self.addresses
     }

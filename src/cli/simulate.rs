@@ -11,10 +11,10 @@ use crate::cli::print::say;
 use crate::clock::Clock;
 use crate::discovery::bus::{LineAddress, VirtualLine};
 use crate::virtual_machine::{FaultScript, PlantSpec, Setup, VirtualMachine};
-use isotherm_profile::{Device, FileKind, Profile, safe_file};
+use isotherm_profile::{Bus, Device, FileKind, Profile, Security, safe_file};
 
-/// Serves the devices of a profile as virtual hardware. These are Modbus servers at the addresses and serial ports of
-/// the profile, and nodes on its CAN interfaces.
+/// Serves the devices of a profile as virtual hardware. These are Modbus and OPC UA servers at the addresses of the
+/// profile, devices on its serial ports, and nodes on its CAN interfaces.
 ///
 /// A serial port is a pseudo-terminal at the path in the profile. If that path exists already or cannot be created, the
 /// port gets another path, which is printed. A CAN interface must exist: `ip link add dev vcan0 type vcan && ip link
@@ -54,12 +54,6 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         }
         None => FaultScript::default(),
     };
-    if !profile.buses.is_empty() && profile.buses.iter().all(|bus| bus.opcua.is_some()) {
-        anyhow::bail!(
-            "{} cannot be simulated: all its buses are OPC UA servers, which this verb does not simulate",
-            profile.name
-        )
-    }
     let plant = plant(&arguments.profile.path, &profile)?;
     let with =
         if plant.is_some() { "its plant" } else { "varying values (no plant file next to the profile)" };
@@ -70,8 +64,8 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         say!("{} with {with}, seed {}", profile.name, arguments.seed)?;
         for (bus, address) in machine.addresses() {
             let devices = profile.devices.iter().filter(|device| device.bus == *bus);
-            let devices: Vec<String> = devices.map(named).collect();
             let bus = profile.bus(*bus);
+            let devices: Vec<String> = devices.map(|device| named(bus, device)).collect();
             let name = &bus.name;
             let line = LineAddress::of(bus);
             if let VirtualLine::Served(is) = line.kind().virtual_line {
@@ -79,6 +73,12 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
             }
             if line.serial().is_some() && *address != bus.address {
                 say!("  the gateway finds it with --set bus.{name}.port={address}")?;
+            }
+            if bus.opcua.as_ref().is_some_and(|line| line.security != Security::None) {
+                say!(
+                    "  without security: for the gateway, write security = \"none\" in a copy of the profile, and \
+                     remove cert, key and trusted"
+                )?;
             }
         }
         for bus in profile.buses.iter() {
@@ -96,9 +96,10 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     })
 }
 
-/// Returns the name and the address of a device for display.
-fn named(device: &Device) -> String {
+/// Returns the name of a device for display, and its address if it has one on its bus.
+fn named(bus: &Bus, device: &Device) -> String {
     let address = match &device.can {
+        None if bus.opcua.is_some() => return device.name.clone(),
         None => format!("unit {}", device.unit),
         Some(can) => can.node.map_or("frames".to_owned(), |node| format!("node {node}")),
     };

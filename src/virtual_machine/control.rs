@@ -6,9 +6,9 @@ use std::time::Duration;
 
 use super::fault::AcknowledgeFault;
 use super::registers::Bank;
-use isotherm_core::codec::{Address, Register};
+use isotherm_core::codec::{Address, Node, Register};
 use isotherm_core::quantity::Moment;
-use isotherm_profile::{Flag, OutputId, OutputSet, Profile, SetId};
+use isotherm_profile::{Bit, OutputId, OutputSet, Profile, SetId};
 
 /// Time from a change of the strobe signal until the control reacts.
 const REACTS_AFTER: Duration = Duration::from_millis(30);
@@ -31,8 +31,8 @@ pub(super) struct Control {
     /// Position of the output set's unit in the list of the hardware.
     pub(super) place: usize,
     outputs: Vec<(OutputId, Address, u16)>,
-    /// Flags of the handshake: strobe and acknowledge; `None` if the output set has no handshake.
-    handshake: Option<[Flag; 2]>,
+    /// Bits of the handshake: strobe and acknowledge; `None` if the output set has no handshake.
+    handshake: Option<[Bit; 2]>,
     sequence: Option<Register>,
     last_sequence: u16,
     strobe_up: bool,
@@ -51,7 +51,7 @@ impl Control {
             set: id,
             place,
             outputs: outputs.collect(),
-            handshake: flags(set),
+            handshake: bits(set),
             sequence: set.sequence,
             last_sequence: 0,
             strobe_up: false,
@@ -65,8 +65,17 @@ impl Control {
 
     /// Returns the registers and bits of the output set itself, without those of its outputs.
     pub(super) fn own(set: &OutputSet) -> impl Iterator<Item = Register> {
-        let flags = flags(set).into_iter().flatten();
+        let flags = bits(set).into_iter().flatten().filter_map(|bit| bit.flag());
         set.own_registers().chain(flags.map(|flag| flag.address))
+    }
+
+    /// Returns the nodes of the output set itself, without those of its outputs.
+    pub(super) fn own_nodes(set: &OutputSet) -> impl Iterator<Item = Node> {
+        let bits = bits(set).into_iter().flatten().filter_map(|bit| match bit {
+            Bit::Node(node) => Some(node),
+            Bit::Flag(_) => None,
+        });
+        set.own_nodes().map(|(_, node)| node.clone()).chain(bits)
     }
 
     /// Returns the register values of an output that the control accepted last; `None` if the output is not in this
@@ -78,8 +87,8 @@ impl Control {
 
     /// Processes a write to the unit. Returns the values that the control accepts at once; `None` if it accepts none.
     pub(super) fn check(&mut self, bank: &Bank, now: Moment) -> Option<AcceptedSet> {
-        if let Some([strobe, _]) = self.handshake {
-            let up = word(bank, strobe.address).is_some_and(|word| strobe.is_up(word));
+        if let Some([strobe, _]) = &self.handshake {
+            let up = is_up(bank, strobe);
             if up != self.strobe_up {
                 (self.strobe_up, self.changed) = (up, now);
             }
@@ -112,7 +121,7 @@ impl Control {
         fault: Option<AcknowledgeFault>,
         now: Moment,
     ) -> Option<AcceptedSet> {
-        let [_, acknowledge] = self.handshake?;
+        let [_, acknowledge] = self.handshake.as_ref()?;
         let delay = match fault {
             Some(AcknowledgeFault::Late(delay)) if self.strobe_up => delay,
             _ => REACTS_AFTER,
@@ -127,7 +136,7 @@ impl Control {
             return None;
         }
         self.acknowledges = self.strobe_up;
-        set_flag(bank, acknowledge, self.acknowledges);
+        set_bit(bank, acknowledge, self.acknowledges);
         (self.acknowledges && self.is_another(bank)).then(|| self.take(bank, now))
     }
 
@@ -148,16 +157,30 @@ impl Control {
     }
 }
 
-fn flags(set: &OutputSet) -> Option<[Flag; 2]> {
+fn bits(set: &OutputSet) -> Option<[Bit; 2]> {
     let handshake = set.handshake.as_ref()?;
-    Some([handshake.strobe.flag()?, handshake.acknowledge.flag()?])
+    Some([handshake.strobe.clone(), handshake.acknowledge.clone()])
 }
 
 fn word(bank: &Bank, address: Register) -> Option<u16> {
     bank.registers(address, 1).and_then(|words| words.first().copied())
 }
 
-fn set_flag(bank: &mut Bank, flag: Flag, up: bool) {
+fn is_up(bank: &Bank, bit: &Bit) -> bool {
+    match bit {
+        Bit::Flag(flag) => word(bank, flag.address).is_some_and(|word| flag.is_up(word)),
+        Bit::Node(node) => {
+            let words = bank.read(&bit.address(), node.taken_as().registers());
+            words.is_some_and(|words| words.iter().any(|word| *word != 0))
+        }
+    }
+}
+
+fn set_bit(bank: &mut Bank, bit: &Bit, up: bool) {
+    let flag = match bit {
+        Bit::Flag(flag) => flag,
+        Bit::Node(node) => return bank.set(&bit.address(), node.word(u16::from(up)).registers()),
+    };
     let before = word(bank, flag.address).unwrap_or_default();
     let after = match flag.bit {
         Some(_) if up => before | flag.raised(),

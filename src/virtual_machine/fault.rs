@@ -11,12 +11,12 @@
 //! # for_time = "10min"
 //! ```
 //!
-//! `docs/virtual.md` describes each kind of fault, its effect on Modbus and on CAN, and its further keys.
+//! `docs/virtual.md` describes each kind of fault, its effect on each kind of line, and its further keys.
 
 use std::time::Duration;
 
 use isotherm_core::codec::{CanId, Register};
-use isotherm_core::reading::SignalId;
+use isotherm_core::reading::{SignalId, Status};
 use isotherm_profile::DeviceId;
 
 mod running;
@@ -67,6 +67,17 @@ pub(crate) enum Kind {
     Acknowledge(AcknowledgeFault),
     /// Fault that exists only on a CAN line.
     Can(CanFault),
+    /// The node of a signal does not show its number.
+    Node { signal: SignalId, fault: NodeFault },
+}
+
+/// Wrong content of a node of an OPC UA server.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum NodeFault {
+    /// The node has this status, and no value.
+    Status(Status),
+    /// The node holds its number as text.
+    Text,
 }
 
 /// Wrong behaviour of a control in a handshake.
@@ -93,6 +104,8 @@ pub(crate) enum ReplyFault {
     Silent,
     Late(Duration),
     Exception(u8),
+    /// An OPC UA server does not execute the call, and answers with this status for each node.
+    Status(Status),
     Close,
     HalfOpen,
     Garbage,

@@ -17,6 +17,8 @@ use super::truth::{AxisTruth, Observer, TruthRow};
 use super::wander::wander;
 
 pub(super) mod can;
+#[cfg(feature = "opcua")]
+pub(super) mod nodes;
 mod scales;
 mod units;
 

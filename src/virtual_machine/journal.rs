@@ -11,9 +11,10 @@ pub struct SeenRequest {
     pub at: Moment,
     /// Device that received the request. If several devices share a unit, this is the first of them.
     pub device: DeviceId,
-    /// Modbus function code; 0 for a write on a CAN line.
+    /// Modbus function code; 0 for a write on a CAN line or to a node.
     pub function: u8,
-    /// First register or bit that the request addresses; on a CAN line, the object or the field of a frame.
+    /// First register or bit that the request addresses; on a CAN line, the object or the field of a frame;
+    /// of an OPC UA server, the node.
     pub address: Address,
     /// Number of cells (registers or bits) that the request addresses.
     pub count: u16,

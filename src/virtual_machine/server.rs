@@ -66,6 +66,12 @@ impl Shared {
         Shared { hardware: Arc::new(Mutex::new(hardware)), clock }
     }
 
+    /// Returns the hardware and its clock, for lines that lock the hardware themselves.
+    #[cfg(feature = "opcua")]
+    pub(super) fn parts(&self) -> (Arc<Mutex<Hardware>>, Clock) {
+        (self.hardware.clone(), self.clock.clone())
+    }
+
     /// Locks the hardware. The lock is also used after a panic in another task: that panic ends the virtual machine,
     /// and until then the values are usable.
     pub(super) fn hardware(&self) -> MutexGuard<'_, Hardware> {

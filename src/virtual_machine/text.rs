@@ -17,5 +17,5 @@ mod tests;
 
 pub(super) use group::{TextGroup, in_registers};
 pub(super) use line::{Ask, TextLine};
-pub(super) use server::{Switch, serve};
+pub(super) use server::serve;
 pub(super) use terminal::serve as serve_port;

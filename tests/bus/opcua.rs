@@ -1,7 +1,7 @@
 //! Tests of the line to an OPC UA server, and of a whole gateway on it. The server is asyncua, in Python, over real
-//! sockets.
+//! sockets; in `virtual_server` it is that of the virtual machine.
 //!
-//! `tests/run opcua` installs it, and builds the feature. Without asyncua these tests fail with a message.
+//! `tests/run opcua` installs asyncua, and builds the feature. Without asyncua its tests fail with a message.
 
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on fails")]
 
@@ -20,4 +20,5 @@ mod shared;
 mod storm;
 mod subscribed;
 mod values;
+mod virtual_server;
 mod words;

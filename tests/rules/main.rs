@@ -38,7 +38,13 @@ const ARROWS: [(&str, &str, &[&str]); 22] = [
     (
         "",
         "virtual_machine",
-        &["clock", "fieldbus::kinds::can::socket", "fieldbus::kinds::can::canopen::abort", "fieldbus::error"],
+        &[
+            "clock",
+            "fieldbus::kinds::can::socket",
+            "fieldbus::kinds::can::canopen::abort",
+            "fieldbus::kinds::opcua::conversion",
+            "fieldbus::error",
+        ],
     ),
     (
         "",

@@ -3,10 +3,13 @@
 //! - `client` — connections to a server, by feature.
 //! - [`check`] — check of such a line in a profile; [`fault`] — faults of a connection.
 //! - [`namespaces`] — namespaces that a profile names by index.
+//! - `conversion` — numbers and node identifiers of the library, by feature.
 
 pub mod check;
 #[cfg(feature = "opcua")]
 pub mod client;
+#[cfg(feature = "opcua")]
+pub mod conversion;
 pub mod fault;
 pub mod namespaces;
 pub mod request;
@@ -44,9 +47,13 @@ pub const KIND: BusKind = BusKind {
         #[cfg(not(feature = "opcua"))]
         scan: None,
     },
-    virtual_line: VirtualLine::Absent(|bus| {
-        format!("bus {} is an OPC UA server, which this verb does not simulate", bus.name)
-    }),
+    virtual_line: if cfg!(feature = "opcua") {
+        VirtualLine::Served("listens on")
+    } else {
+        VirtualLine::Absent(|bus| {
+            format!("bus {} is an OPC UA server, and this program was built without OPC UA", bus.name)
+        })
+    },
     ..BusKind::PLAIN
 };
 

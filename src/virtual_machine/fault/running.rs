@@ -117,10 +117,33 @@ impl Faults {
         })
     }
 
+    /// Returns the signals of the device whose nodes do not show their numbers now.
+    #[cfg(feature = "opcua")]
+    pub(crate) fn nodes(
+        &self,
+        device: DeviceId,
+        now: Moment,
+    ) -> impl Iterator<Item = (SignalId, super::NodeFault)> {
+        self.active(now).filter(move |fault| fault.device == device).filter_map(|fault| match fault.kind {
+            Kind::Node { signal, fault } => Some((signal, fault)),
+            _ => None,
+        })
+    }
+
+    /// Returns whether the device sends nothing at all now. A fault that counts replies concerns only calls.
+    #[cfg(feature = "opcua")]
+    pub(crate) fn is_silent(&self, device: DeviceId, now: Moment) -> bool {
+        self.active(now).filter(|fault| fault.device == device).any(|fault| {
+            let is_counted = matches!(fault.lasts, FaultDuration::Replies(_));
+            fault.kind == Kind::Reply(ReplyFault::Silent) && !is_counted
+        })
+    }
+
     /// Counts an answer of the device for each of its broken signals.
     pub(crate) fn count_signals(&mut self, device: DeviceId, now: Moment) {
         for running in self.running.iter_mut().filter(|running| running.fault.device == device) {
-            if matches!(running.fault.kind, Kind::Signal { .. }) && running.is_active(now) {
+            let is_of_a_signal = matches!(running.fault.kind, Kind::Signal { .. } | Kind::Node { .. });
+            if is_of_a_signal && running.is_active(now) {
                 running.replies += 1;
             }
         }

@@ -5,11 +5,12 @@ use std::time::Duration;
 use serde::{Deserialize, Deserializer, de::Error as _};
 
 use super::{
-    AcknowledgeFault, BusError, CanFault, Fault, FaultDuration, FaultScript, Kind, Reads, ReplyFault,
+    AcknowledgeFault, BusError, CanFault, Fault, FaultDuration, FaultScript, Kind, NodeFault, Reads,
+    ReplyFault,
 };
 use isotherm_core::codec::{CanId, DataType, Register};
-use isotherm_core::reading::SignalId;
-use isotherm_profile::{DeviceId, Profile, Signal, Transport};
+use isotherm_core::reading::{SignalId, Status};
+use isotherm_profile::{Device, DeviceId, Profile, Signal, Transport};
 
 /// Error of a fault script, as text. Errors of the TOML parser include line and column.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -20,22 +21,47 @@ pub struct FaultError(String);
 #[derive(Clone, Copy, PartialEq)]
 enum Lines {
     Any,
+    /// Lines of Modbus or text.
     Modbus,
+    /// Lines of Modbus or text, and OPC UA servers.
+    Connected,
     Can,
+    /// OPC UA servers.
+    Nodes,
 }
-use Lines::{Any, Can, Modbus};
+use Lines::{Any, Can, Connected, Modbus, Nodes};
+
+impl Lines {
+    /// Returns the kind of the line of a device.
+    fn of(profile: &Profile, device: &Device) -> Lines {
+        match device.can {
+            Some(_) => Can,
+            None if profile.bus(device.bus).opcua.is_some() => Nodes,
+            None => Modbus,
+        }
+    }
+
+    /// Returns whether a line of this kind is among them.
+    fn include(self, line: Lines) -> bool {
+        match self {
+            Any => true,
+            Connected => line != Can,
+            own => own == line,
+        }
+    }
+}
 
 /// Function that makes a fault from the keys that belong to its kind.
 type Make = fn(&mut FaultFile, &Profile) -> Result<Kind, String>;
 
 /// All kinds of faults: name in a script, possible lines, and function that makes the fault.
-const KINDS: [(&str, Lines, Make); 35] = [
+const KINDS: [(&str, Lines, Make); 37] = [
     ("silent", Any, |_, _| reply(ReplyFault::Silent)),
     ("late", Any, |file, _| reply(ReplyFault::Late(file.delay()?))),
     ("exception", Modbus, |file, _| file.exception()),
-    ("close", Modbus, |_, _| reply(ReplyFault::Close)),
-    ("half-open", Modbus, |_, _| reply(ReplyFault::HalfOpen)),
-    ("refuse", Modbus, |_, _| Ok(Kind::Refuse)),
+    ("close", Connected, |_, _| reply(ReplyFault::Close)),
+    ("half-open", Connected, |_, _| reply(ReplyFault::HalfOpen)),
+    ("refuse", Connected, |_, _| Ok(Kind::Refuse)),
     ("garbage", Any, |_, _| reply(ReplyFault::Garbage)),
     ("wrong-unit", Modbus, |_, _| reply(ReplyFault::WrongUnit)),
     ("wrong-transaction", Modbus, |_, _| reply(ReplyFault::WrongTransaction)),
@@ -59,16 +85,20 @@ const KINDS: [(&str, Lines, Make); 35] = [
     ("value", Any, FaultFile::broken_signal),
     ("register", Modbus, |file, _| file.register()),
     ("restart", Any, |_, _| Ok(Kind::Restart)),
-    ("no-acknowledge", Modbus, |_, _| Ok(Kind::Acknowledge(AcknowledgeFault::Never))),
-    ("stuck-acknowledge", Modbus, |_, _| Ok(Kind::Acknowledge(AcknowledgeFault::Stuck))),
+    ("no-acknowledge", Connected, |_, _| Ok(Kind::Acknowledge(AcknowledgeFault::Never))),
+    ("stuck-acknowledge", Connected, |_, _| Ok(Kind::Acknowledge(AcknowledgeFault::Stuck))),
     ("next-number", Modbus, |_, _| Ok(Kind::Acknowledge(AcknowledgeFault::NextNumber))),
-    ("late-acknowledge", Modbus, |file, _| Ok(Kind::Acknowledge(AcknowledgeFault::Late(file.delay()?)))),
+    ("late-acknowledge", Connected, |file, _| Ok(Kind::Acknowledge(AcknowledgeFault::Late(file.delay()?)))),
     ("short-frame", Can, |_, _| Ok(Kind::Can(CanFault::ShortFrame))),
     ("babbling", Can, |file, _| file.babbling()),
     ("emergency", Can, |file, _| file.emergency()),
     ("error-frame", Can, |file, _| file.error_frame()),
     ("sdo-abort", Can, |file, _| Ok(Kind::Can(CanFault::Refusal(file.code.take().unwrap_or(0x0800_0000))))),
     ("wrong-index", Can, |_, _| Ok(Kind::Can(CanFault::WrongIndex))),
+    ("status", Nodes, FaultFile::status),
+    ("text", Nodes, |file, profile| {
+        Ok(Kind::Node { signal: file.own_signal(profile)?, fault: NodeFault::Text })
+    }),
 ];
 
 fn reply(fault: ReplyFault) -> Result<Kind, String> {
@@ -134,18 +164,23 @@ impl FaultFile {
                 let names = profile.devices.iter().map(|device| device.name.as_str());
                 format!("there is no device `{}`; allowed: {}", self.device, list(names))
             })?;
-        let names = |lines: &[Lines]| {
-            list(KINDS.iter().filter(|(_, on, _)| lines.contains(on)).map(|(name, ..)| *name))
-        };
         let Some((_, on, make)) = KINDS.iter().find(|(name, ..)| *name == self.kind) else {
-            return Err(format!("there is no such kind; allowed: {}", names(&[Any, Modbus, Can])));
+            let all = list(KINDS.iter().map(|(name, ..)| *name));
+            return Err(format!("there is no such kind; allowed: {all}"));
         };
-        match (profile.devices[device].can.is_some(), on) {
-            (true, Modbus) => {
-                return Err(format!("not possible on a CAN line; allowed: {}", names(&[Any, Can])));
-            }
-            (false, Can) => return Err(format!("`{}` is no device on a CAN line", self.device)),
-            _ => {}
+        let line = Lines::of(profile, &profile.devices[device]);
+        if !on.include(line) {
+            let possible = KINDS.iter().filter(|(_, on, _)| on.include(line));
+            let possible = list(possible.map(|(name, ..)| *name));
+            return Err(match (line, on) {
+                (Can, _) => format!("not possible on a CAN line; allowed: {possible}"),
+                (Nodes, _) => format!(
+                    "not possible on an OPC UA server, which has no registers, exceptions and frames; allowed: \
+                     {possible}"
+                ),
+                (_, Nodes) => format!("`{}` is no OPC UA server", self.device),
+                _ => format!("`{}` is no device on a CAN line", self.device),
+            });
         }
         let kind = make(&mut self, profile)?;
         self.no_key_is_left()?;
@@ -266,15 +301,35 @@ impl FaultFile {
         Ok(Kind::Register { address, words })
     }
 
-    fn broken_signal(&mut self, profile: &Profile) -> Result<Kind, String> {
+    /// Takes the status of the node of a signal, or of every node if no signal is named.
+    fn status(&mut self, profile: &Profile) -> Result<Kind, String> {
+        let status = self.code.take().map_or(Status::SENSOR_FAILURE, Status);
+        if status.is_good() {
+            return Err("`code` must be a status that is not good, for example 0x808C0000".to_owned());
+        }
+        if self.signal.is_none() {
+            return reply(ReplyFault::Status(status));
+        }
+        Ok(Kind::Node { signal: self.own_signal(profile)?, fault: NodeFault::Status(status) })
+    }
+
+    /// Takes the key `signal`, which must name a signal of the device.
+    fn own_signal(&mut self, profile: &Profile) -> Result<SignalId, String> {
         let name = self.signal.take().ok_or("`signal` is missing")?;
         let is_its = |signal: &Signal| profile.device(signal.device).name == self.device;
         let mut of_device = profile.signals.iter().enumerate().filter(|(_, signal)| is_its(signal));
         let found = of_device.clone().find(|(_, signal)| signal.name == name);
-        let (place, signal) = found.ok_or_else(|| {
+        let (place, _) = found.ok_or_else(|| {
             let names = list(of_device.by_ref().map(|(_, signal)| signal.name.as_str()));
             format!("device `{}` has no signal `{name}`; allowed: {names}", self.device)
         })?;
+        Ok(SignalId(place))
+    }
+
+    fn broken_signal(&mut self, profile: &Profile) -> Result<Kind, String> {
+        let id = self.own_signal(profile)?;
+        let signal = profile.signal(id);
+        let name = &signal.name;
         let reads = match self.kind.as_str() {
             "nan" if !matches!(signal.encoding.data_type, DataType::F32 | DataType::F64) => {
                 return Err(format!(
@@ -292,7 +347,7 @@ impl FaultFile {
                 Reads::Raw(raw.ok_or_else(|| format!("`raw` is missing, and `{name}` has no `bad` value"))?)
             }
         };
-        Ok(Kind::Signal { signal: SignalId(place), reads })
+        Ok(Kind::Signal { signal: id, reads })
     }
 
     /// Rejects keys that are set but have no effect for this kind of fault.

@@ -98,3 +98,31 @@ fn a_one_time_fault_happens_once() {
     assert_eq!(faults.advance(at(9), |_| 0), [(CNC, Kind::Restart)]);
     assert_eq!(faults.advance(at(10), |_| 0), []);
 }
+
+#[test]
+fn an_opc_ua_server_has_faults_of_nodes_and_connections_and_none_of_registers() {
+    let mut profile = profile();
+    profile.buses[1].opcua = Some(Box::new(isotherm_profile::OpcUa::plain()));
+    let refusal = |text: String| FaultScript::parse(&text, &profile).err().map(|error| error.to_string());
+    for kind in ["silent", "close", "half-open", "refuse", "garbage", "ignored-write", "restart", "status"] {
+        assert_eq!(refusal(one("cnc", kind, "")), None, "{kind}");
+    }
+    let of_signal = "signal = \"offset_now\"\n";
+    for (kind, more) in [("text", ""), ("status", "code = 0x80310000"), ("value", "value = 1.0")] {
+        assert_eq!(refusal(one("cnc", kind, &format!("{of_signal}{more}"))), None, "{kind}");
+    }
+    for (text, expected) in [
+        (
+            one("cnc", "exception", "code = 4"),
+            "no registers, exceptions and frames; allowed: silent, late, close, ",
+        ),
+        (one("cnc", "short-read", ""), "not possible on an OPC UA server"),
+        (one("cnc", "babbling", ""), "not possible on an OPC UA server"),
+        (one("cnc", "status", "code = 0"), "`code` must be a status that is not good"),
+        (one("cnc", "text", ""), "`signal` is missing"),
+        (one("thermocouples", "status", ""), "`thermocouples` is no OPC UA server"),
+    ] {
+        let refusal = refusal(text).unwrap();
+        assert!(refusal.contains(expected), "{refusal}");
+    }
+}

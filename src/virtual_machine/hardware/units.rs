@@ -3,7 +3,7 @@
 use crate::virtual_machine::can::{node, power_on};
 use crate::virtual_machine::control::Control;
 use crate::virtual_machine::registers::Bank;
-use isotherm_core::codec::{Address, DataType, Register};
+use isotherm_core::codec::{Address, DataType, Encoding, Register};
 use isotherm_core::quantity::Counts;
 use isotherm_core::reading::SignalId;
 use isotherm_profile::{DeviceId, Expected, Output, Profile, Verify};
@@ -19,8 +19,8 @@ pub(super) struct Unit {
     pub(super) bank: Bank,
     pub(super) at_power_on: Bank,
     pub(super) requests: u64,
-    /// Addresses at which the unit shows how often it was started. `boots` is that number.
-    pub(super) counters: Vec<Address>,
+    /// Addresses at which the unit shows how often it was started, with their encodings. `boots` is that number.
+    pub(super) counters: Vec<(Address, Encoding)>,
     pub(super) boots: u16,
     /// CAN part of the unit; `None` for a unit on another line.
     pub(super) can: Option<CanUnit>,
@@ -34,8 +34,8 @@ impl Unit {
     pub(super) fn restart(&mut self) {
         self.bank = self.at_power_on.clone();
         self.boots = self.boots.wrapping_add(1);
-        for counter in &self.counters {
-            self.bank.set(counter, &[self.boots]);
+        for (counter, encoding) in &self.counters {
+            self.bank.set(counter, encoding.encode(f64::from(self.boots)).registers());
         }
     }
 }
@@ -93,6 +93,14 @@ pub(super) fn units(profile: &Profile) -> (Vec<Unit>, Vec<usize>) {
     let commands = profile.signals.iter().filter_map(|signal| Some((signal.device, signal.capture?.address)));
     let single = heartbeat.chain(of_sets).chain(displays).chain(commands);
     owned.extend(single.map(|(device, register)| (unit_of[device.0], register.into(), 1)));
+    let heartbeat = profile.heartbeat.iter();
+    let heartbeat = heartbeat.filter_map(|beat| Some((beat.device, beat.address.node()?.clone())));
+    let of_sets =
+        profile.sets.iter().flat_map(|set| Control::own_nodes(set).map(move |node| (set.device, node)));
+    owned.extend(heartbeat.chain(of_sets).map(|(device, node)| {
+        let width = node.taken_as().registers();
+        (unit_of[device.0], Address::Node(node), width)
+    }));
     for (device, place) in profile.devices.iter().zip(&unit_of) {
         for Expected { address, encoding, equals, .. } in &device.verify {
             units[*place].bank.put(address, encoding, encoding.encode_counts(Counts(*equals)).registers());
@@ -108,10 +116,10 @@ pub(super) fn units(profile: &Profile) -> (Vec<Unit>, Vec<usize>) {
         }
     }
     for output in &profile.outputs {
-        let Some(counter) = output.boot_counter.map(|id| &profile.signal(id).address) else { continue };
-        let place = unit_of[output.device.0];
-        units[place].counters.push(counter.clone());
-        owned.push((place, counter.clone(), 1));
+        let Some(counter) = output.boot_counter.map(|id| profile.signal(id)) else { continue };
+        let (place, width) = (unit_of[output.device.0], counter.encoding.data_type.registers());
+        units[place].counters.push((counter.address.clone(), counter.encoding.clone()));
+        owned.push((place, counter.address.clone(), width));
     }
     for (place, address, count) in &owned {
         units[*place].bank.reserve(address, *count);

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use tokio::sync::{mpsc, watch};
 
 use super::line::{TextLine, converse};
-use super::server::Switch;
+use crate::virtual_machine::listener::Switch;
 use crate::virtual_machine::pseudo_terminal::{VirtualPort, after};
 use isotherm_profile::Serial;
 

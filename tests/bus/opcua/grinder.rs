@@ -1,4 +1,4 @@
-//! The first hours of the surface grinder, once with devices on Modbus and once on OPC UA: the corrections are equal.
+//! The first hours of the surface grinder, with devices on Modbus and on OPC UA: the corrections are equal.
 
 use std::collections::BTreeMap;
 use std::io::{BufRead, BufReader};
@@ -15,8 +15,20 @@ use isotherm_profile::{Profile, parse};
 
 const GRINDER: &str = include_str!("../../../profiles/surface-grinder.toml");
 const SPAN: Duration = Duration::from_hours(2);
+/// Shorter span, for the virtual server.
+const SHORT: Duration = Duration::from_hours(1);
 /// One count of the registers: 0.1 µm.
 const COUNT: i64 = 1;
+
+/// Devices of a run.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Devices {
+    Modbus,
+    /// asyncua, in front of the Modbus devices.
+    Bridge,
+    /// OPC UA server of the virtual machine.
+    VirtualServer,
+}
 
 /// Result of a run.
 struct Run {
@@ -99,7 +111,7 @@ impl Drop for Bridge {
 }
 
 /// Runs the grinder as fast as possible.
-fn run(over_opcua: bool) -> Run {
+fn run(on: Devices, span: Duration) -> Run {
     let text = grinder();
     let plant = PlantSpec::shipped("surface-grinder").unwrap().unwrap();
     let clock = Clock::simulated(plant.start(), None);
@@ -107,13 +119,16 @@ fn run(over_opcua: bool) -> Run {
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
     runtime.block_on(async {
         let hold = clock.hold();
-        let of_modbus = profile(&text);
-        let mut machine = VirtualMachine::start(&of_modbus, setup, &clock).await.unwrap();
+        let simulated = match on {
+            Devices::VirtualServer => profile(&in_nodes(&text).0.replace("PORT", "4840")),
+            _ => profile(&text),
+        };
+        let mut machine = VirtualMachine::start(&simulated, setup, &clock).await.unwrap();
         let window = machine.window();
         let mut last = clock.join();
-        let (served, _bridge) = if over_opcua {
+        let (served, _bridge) = if on == Devices::Bridge {
             let at =
-                of_modbus.devices.iter().map(|device| (&device.name, machine.address(device.bus).unwrap()));
+                simulated.devices.iter().map(|device| (&device.name, machine.address(device.bus).unwrap()));
             let devices: Vec<String> =
                 at.map(|(name, address)| format!("{name}={}", address.port())).collect();
             let (text, names) = in_nodes(&text);
@@ -121,13 +136,13 @@ fn run(over_opcua: bool) -> Run {
             let (bridge, port) = started.await.unwrap();
             (profile(&text.replace("PORT", &port)), Some(bridge))
         } else {
-            (machine.serving(of_modbus), None)
+            (machine.serving(simulated), None)
         };
         let gateway = Gateway::new(served, &clock, Options::default());
         drop(hold);
         let mut seen = None;
         let over = async {
-            last.sleep(SPAN).await;
+            last.sleep(span).await;
             seen = Some((window.take_course(), window.requests()));
             drop(last);
         };
@@ -146,7 +161,7 @@ fn run(over_opcua: bool) -> Run {
 
 #[test]
 fn the_grinder_is_corrected_over_opc_ua_as_over_modbus_within_a_tenth_of_a_micrometre() {
-    let [modbus, opcua] = [run(false), run(true)];
+    let [modbus, opcua] = [Devices::Modbus, Devices::Bridge].map(|on| run(on, SPAN));
     let compensated = |row: &TruthRow| row.axes[0].error_um + row.axes[0].cz_um;
     let rows = || modbus.course.iter().zip(&opcua.course);
     assert!(modbus.course.len() >= 700 && opcua.course.len() == modbus.course.len());
@@ -172,4 +187,17 @@ fn the_grinder_is_corrected_over_opc_ua_as_over_modbus_within_a_tenth_of_a_micro
         both.len(),
         modbus.written.len()
     );
+}
+
+#[test]
+fn the_grinder_is_corrected_on_a_virtual_server_as_on_virtual_modbus_devices() {
+    let [modbus, nodes] = [Devices::Modbus, Devices::VirtualServer].map(|on| run(on, SHORT));
+    let compensated = |row: &TruthRow| row.axes[0].error_um + row.axes[0].cz_um;
+    assert!(modbus.course.len() >= 350 && nodes.course.len() == modbus.course.len());
+    for (a, b) in modbus.course.iter().zip(&nodes.course) {
+        assert_eq!(a.at, b.at);
+        assert!((compensated(a) - compensated(b)).abs() <= 0.1, "{a:?} {b:?}");
+    }
+    let moved = nodes.course.iter().map(|row| row.axes[0].cz_um.abs()).fold(0.0, f64::max);
+    assert!(moved > 0.3, "nothing to correct: {moved}");
 }

@@ -196,8 +196,13 @@ impl RequestObserver for Exchanges {
 }
 
 impl Line {
-    pub(crate) fn new(mut profile: Profile) -> Line {
-        profile.buses[0].timeout = ANSWERS_WITHIN;
+    pub(crate) fn new(profile: Profile) -> Line {
+        Line::waiting(profile, ANSWERS_WITHIN)
+    }
+
+    /// Returns a line that waits for each answer for this time.
+    pub(crate) fn waiting(mut profile: Profile, timeout: Duration) -> Line {
+        profile.buses[0].timeout = timeout;
         let bus = &profile.buses[0];
         let devices: Vec<_> = profile.devices.iter().map(|device| (DeviceId(0), device)).collect();
         let exchanges = Arc::new(Exchanges::default());

@@ -153,13 +153,11 @@ fn certificate_and_key_in_one_file_that_is_not_there_are_told_by_their_keys() {
 }
 
 #[test]
-fn a_profile_of_servers_alone_says_that_nothing_of_it_is_played() {
-    let home = tempfile::tempdir().unwrap();
-    let path = home.path().join("machine.toml");
-    std::fs::write(&path, machine(4840, "")).unwrap();
-    let ended = typing(isotherm(home.path()).arg("virtual").arg(&path), "");
-    assert_eq!(ended.code, Some(1));
-    assert!(ended.said.contains("server cannot be simulated"), "{}", ended.said);
+fn a_virtual_server_of_a_secured_line_reports_that_it_has_no_security() {
+    let given = certificates();
+    let path = profile(given.path(), super::process::free_port());
+    let mut devices = Running::start(isotherm(given.path()).arg("virtual").arg(&path));
+    devices.receives("without security: for the gateway, write security = \"none\" in a copy of the profile");
 }
 
 #[test]

@@ -17,6 +17,11 @@ impl Element {
         (1..=MOST_DIMENSIONS).contains(&indices.len()).then_some(Element(indices))
     }
 
+    /// Returns the indices, one for each dimension.
+    pub fn indices(&self) -> &[u32] {
+        &self.0
+    }
+
     /// Returns the place of the element in an array with this number of values, row by row. `dimensions` are the
     /// lengths of an array with several dimensions. `None` if the array does not have the element.
     pub fn place(&self, values: usize, dimensions: Option<&[u32]>) -> Option<usize> {

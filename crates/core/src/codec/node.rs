@@ -141,7 +141,7 @@ impl Node {
 impl Scalar {
     /// Returns the number as a float. Integers beyond 2^53 lose their last digits.
     #[allow(clippy::cast_precision_loss)]
-    fn value(self) -> f64 {
+    pub fn value(self) -> f64 {
         match self.data_type {
             DataType::F32 | DataType::F64 => float_of(self.data_type, self.bits),
             _ => integer_of(self.data_type, self.bits) as f64,

@@ -127,6 +127,8 @@ const NAMES: [(u32, &str); 116] = [
 ];
 
 impl Status {
+    /// Good: the value may be used, or the write was executed.
+    pub const GOOD: Status = Status(0);
     /// BadEncodingLimitsExceeded: the message is too large for the server.
     pub const ENCODING_LIMITS: Status = Status(0x8008_0000);
     /// BadTooManyOperations: the call has more nodes than the server accepts.
@@ -143,6 +145,8 @@ impl Status {
     pub const WRITE_NOT_SUPPORTED: Status = Status(0x8073_0000);
     /// BadTypeMismatch: the node has another type than the value.
     pub const TYPE_MISMATCH: Status = Status(0x8074_0000);
+    /// BadSensorFailure: the sensor behind the node measures nothing.
+    pub const SENSOR_FAILURE: Status = Status(0x808c_0000);
     /// BadRequestTooLarge: the request has more bytes than the server accepts.
     pub const REQUEST_TOO_LARGE: Status = Status(0x80b8_0000);
     /// BadResponseTooLarge: the answer would have more bytes than the server can send.

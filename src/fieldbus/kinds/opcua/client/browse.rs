@@ -21,9 +21,10 @@ use super::call_size::{Service, SizeRefusal, size_refusal};
 use super::channel::Link;
 use super::session::{Session, answered};
 use super::status::call_fault;
-use super::value::{for_people, number_type};
+use super::value::for_people;
 use super::{OPENING, OpcUaDial, fault};
 use crate::fieldbus::error::{CallerFault, Fault, PeerFault};
+use crate::fieldbus::kinds::opcua::conversion::number_type;
 use crate::fieldbus::kinds::opcua::fault::OpcUaFault;
 
 /// Maximum number of attributes that are read in one call. The answer stays far below the largest permitted message.

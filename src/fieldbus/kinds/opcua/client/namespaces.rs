@@ -3,10 +3,11 @@
 
 use std::sync::Arc;
 
-use ::opcua::types::{ByteString, Guid, NodeId, Variant};
-use isotherm_core::codec::{self, Identifier, Namespace};
+use ::opcua::types::{NodeId, Variant};
+use isotherm_core::codec::{self, Namespace};
 
 use crate::fieldbus::error::{CallerFault, Fault};
+use crate::fieldbus::kinds::opcua::conversion;
 use crate::fieldbus::kinds::opcua::namespaces::NamespaceTable;
 
 /// Namespaces that the server had when the connection was opened.
@@ -63,13 +64,8 @@ impl Namespaces {
     /// The identifier is invalid.
     pub(super) fn node_id(&self, id: &codec::NodeId) -> Result<Option<NodeId>, Fault> {
         let Some(namespace) = self.index(&id.namespace) else { return Ok(None) };
-        let invalid = Fault::Caller(CallerFault::Extent);
-        Ok(Some(match &id.identifier {
-            Identifier::Number(number) => NodeId::new(namespace, *number),
-            Identifier::Text(text) => NodeId::new(namespace, text.as_str()),
-            Identifier::Guid(text) => NodeId::new(namespace, text.parse::<Guid>().map_err(|_| invalid)?),
-            Identifier::Opaque(text) => NodeId::new(namespace, ByteString::from_base64(text).ok_or(invalid)?),
-        }))
+        let found = conversion::node_id(namespace, &id.identifier);
+        Ok(Some(found.ok_or(Fault::Caller(CallerFault::Extent))?))
     }
 }
 

@@ -17,8 +17,9 @@ use super::channel::Link;
 use super::publishing::{Latest, Publishing};
 use super::session::{Limits, Session, answered, value_of};
 use super::status::all_written;
-use super::value::{reading, variant};
+use super::value::reading;
 use crate::fieldbus::error::{CallerFault, Fault, PeerFault};
+use crate::fieldbus::kinds::opcua::conversion::variant;
 use crate::fieldbus::send_guard::SendGuard;
 use crate::fieldbus::wire::{Answer, Boxed, Call, Ending, NodeReading, NodeRequest, Request, Stamped, Wire};
 
