@@ -24,7 +24,7 @@ pub(crate) const LATHE: &str = include_str!("lathe.toml");
 /// Fast serial line, so that a test of a whole day is not long.
 pub(crate) const PORT: Transport =
     Transport::Serial(Serial { baud: 115_200, parity: Parity::Even, stop_bits: 1 });
-/// The same with frames of Modbus ASCII.
+/// Serial line of the same speed with frames of Modbus ASCII.
 pub(crate) const ASCII_PORT: Transport = Transport::ModbusAscii {
     serial: Serial { baud: 115_200, parity: Parity::Even, stop_bits: 1 },
     data_bits: 7,
