@@ -94,8 +94,8 @@ pub(super) struct Arguments {
     /// Writes a page with diagrams as one file, for any browser
     #[arg(long, value_name = "OUT.html")]
     report: Option<PathBuf>,
-    /// An FE input file with the heat sources and sinks of the running machine: its fluxes become ports, its films
-    /// become sinks
+    /// An FE input file with the heat sources and sinks of the running machine. Each flux becomes a heat input of the
+    /// virtual plant, and each film (convection) a heat sink
     #[arg(long, value_name = "PLANT.inp", requires = "modes")]
     plant: Option<PathBuf>,
     /// Writes the structure of --plant as thermal modes, for the plant of a virtual machine

@@ -11,7 +11,7 @@
     clippy::unwrap_used,
     clippy::print_stdout,
     clippy::print_stderr,
-    reason = "an example that cannot go on stops"
+    reason = "an example may panic if it cannot continue"
 )]
 
 use std::path::PathBuf;

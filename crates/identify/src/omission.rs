@@ -11,8 +11,8 @@ use crate::method::Settings;
 use crate::statistics::{count, smallest};
 use crate::validate::{HeldOut, leave_one_run_out};
 
-/// Largest ratio of the root mean squares without and with a sensor for which the sensor is harmful. A smaller
-/// difference is not significant.
+/// A sensor is harmful if the root mean square of the residual error without it is at most this fraction of that with
+/// it. A smaller improvement is not significant.
 const CLEARLY: f64 = 0.98;
 
 /// Returns the harmful inputs among `suspects`, worst first. An input is harmful if the residual error is clearly

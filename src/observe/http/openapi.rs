@@ -150,7 +150,7 @@ fn operation(route: Route, method: &str, types: &mut SchemaGenerator) -> Option<
                 (200, in_json::<Events>("The newest 10,000 events of the time range.", types)),
                 (400, text("The parameter is not valid.", PLAIN)),
                 (500, text("The stored events cannot be read.", PLAIN)),
-                (503, text("Other clients are reading the events.", PLAIN)),
+                (503, text("Too many clients are reading the events. Try again later.", PLAIN)),
             ],
         ),
         Route::History => {

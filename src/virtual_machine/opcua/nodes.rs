@@ -146,8 +146,8 @@ fn namespaces(nodes: &[ServerNode]) -> Result<Vec<String>, String> {
     Ok(namespaces)
 }
 
-/// Returns the profile with a type for each node. A node without a type has the one that another key states for it.
-/// Otherwise an acknowledge is a Boolean, and a signal a Double.
+/// Returns the profile with a type for each node. A node without a type gets the type that another key of the profile
+/// states for the same node. If no key states one, an acknowledge node is a Boolean, and a signal node a Double.
 pub(in crate::virtual_machine) fn with_types(mut profile: Profile) -> Profile {
     let lines: Vec<String> =
         profile.devices.iter().map(|device| profile.bus(device.bus).address.clone()).collect();

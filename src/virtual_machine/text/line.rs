@@ -100,9 +100,10 @@ where
             let is_named = |group: &&TextGroup| received.ends_with(answer::name_request(group).as_bytes());
             let name = line.groups.iter().filter(|group| group.is_dcon()).find(is_named);
             names.extend(name);
-            let is_over = longest.is_some() || name.is_some() || received.ends_with(b"\r");
-            if is_over || received.len() > LONGEST_REQUEST {
+            if longest.is_some() || name.is_some() {
                 received.clear();
+            } else if received.len() > LONGEST_REQUEST {
+                received.remove(0);
             }
             due.extend(longest);
         }

@@ -69,7 +69,7 @@ impl OrderCheck {
         self.doubt != AnswerUse::Closed
     }
 
-    /// Records that the Modbus gateway may keep an answer of this form.
+    /// Records that the Modbus gateway in front of the device may still hold back a late answer of this form.
     pub(in crate::fieldbus) fn suspect(&mut self, form: ReplySignature) {
         if let AnswerUse::Kept(forms) = &mut self.doubt {
             if !forms.contains(&form) {

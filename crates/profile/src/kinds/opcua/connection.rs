@@ -40,9 +40,9 @@ pub(crate) struct RawUser {
     name: Option<String>,
     /// File that contains only the password.
     password_file: Option<String>,
-    /// Certificate of the user, in DER or PEM form.
+    /// File with the certificate of the user, in DER or PEM form.
     cert: Option<String>,
-    /// Private key of the certificate, in PEM form.
+    /// File with the private key of the certificate, in PEM form.
     key: Option<String>,
 }
 
