@@ -513,7 +513,7 @@ const OF_TEMPERATURE: FormQuestions = FormQuestions {
     options: ["type", "word-order", "scale"],
     texts: ["Type of the temperatures", "Word order of the temperatures", "Degrees Celsius per count"],
     scale_help: "0.1 if the register shows 215 at 21.5 °C. If the device has the power of ten in a register, as \
-                 SunSpec devices do, write that register: holding:12.",
+                 SunSpec devices do, write that register: holding:12, or 40013.",
     parse_scale: value_form::scale_or_register,
 };
 

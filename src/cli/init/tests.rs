@@ -289,6 +289,10 @@ fn the_scale_of_the_temperatures_may_be_in_another_register() {
     }
     let refused = value_form::scale_or_register("holding:0", answers::first_register("holding:0").ok());
     assert!(refused.unwrap_err().contains("the register of the value itself"));
+    let holding = |text: &str| (1.0, Some(text.parse::<isotherm_profile::Cell>().unwrap()));
+    assert_eq!(value_form::scale_or_register("40013", None), Ok(holding("holding:12")));
+    assert_eq!(value_form::scale_or_register("40013.8-11", None), Ok(holding("holding:12.8-11")));
+    assert_eq!(value_form::scale_or_register("1000.0", None), Ok((1000.0, None)));
 }
 
 #[test]
