@@ -179,6 +179,22 @@ fn a_control_acknowledges_a_handshake_in_nodes_and_rejects_a_value_of_another_ty
     }
 }
 
+#[test]
+fn a_fault_of_a_signal_counts_only_answers_and_samples_with_its_node() {
+    let (profile, now) = (profile(PROFILE), Moment::from_nanos(0));
+    let script = "[[fault]]\ndevice = \"cnc\"\nkind = \"status\"\nsignal = \"bed\"\nfor = 2\n";
+    let faults = Faults::new(FaultScript::parse(script, &profile).unwrap(), now);
+    let mut hardware = Hardware::new(&profile, None, 1, faults, now, Vec::new());
+    let named = |id: &str, data_type| [Node::new(id.parse().unwrap(), Some(data_type))];
+    let (bed, taken) = (named("ns=2;s=bed", DataType::F64), named("ns=2;s=taken", DataType::Bool));
+    let beat = [(named("ns=2;s=beat", DataType::I16)[0].clone(), None::<Scalar>)];
+    assert_eq!(hardware.write_nodes(DeviceId(0), &beat, now).results, [Status::TYPE_MISMATCH]);
+    let is_bad = |nodes: &[Node; 1]| {
+        matches!(hardware.sample_nodes(DeviceId(0), nodes, now)[..], [NodeValue::Status(_)])
+    };
+    assert_eq!([&bed, &taken, &taken, &bed, &bed].map(is_bad), [true, false, false, true, false]);
+}
+
 #[tokio::test]
 async fn a_connection_to_a_silent_server_ends_with_its_client() {
     let (profile, clock) = (profile(PROFILE), Clock::wall());
