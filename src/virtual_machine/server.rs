@@ -8,13 +8,14 @@ use std::time::Duration;
 
 use rand::RngExt;
 use tokio::io::{AsyncRead, AsyncReadExt, AsyncWrite, AsyncWriteExt};
-use tokio::net::{TcpListener, TcpSocket, TcpStream};
+use tokio::net::{TcpListener, TcpStream};
 use tokio::sync::{mpsc, oneshot, watch};
 use tokio::task::{JoinError, JoinSet};
 
 use super::UnknownUnit;
 use super::fault::ReplyFault;
 use super::hardware::{Hardware, Reply};
+use super::listener::TcpPort;
 use super::modbus::{Framing, Header, NO_SUCH_UNIT, exception};
 use super::random::stream;
 use super::serial_side::SerialSide;
@@ -87,9 +88,7 @@ pub(super) async fn serve(
     mut stop: watch::Receiver<bool>,
 ) -> io::Result<()> {
     let address = listener.local_addr()?;
-    let mut listener = Some(listener);
-    // A bound socket that does not listen refuses connections, and keeps the port reserved.
-    let mut closed: Option<TcpSocket> = None;
+    let mut port = TcpPort::Open(listener);
     let mut connections = JoinSet::new();
     let mut strangers = NonModbusClients::default();
     loop {
@@ -97,19 +96,13 @@ pub(super) async fn serve(
             _ = stop.changed() => break,
             switch = switched.recv() => {
                 let Some(OpenOrClose { is_open, done }) = switch else { break };
-                if is_open {
-                    if let Some(socket) = closed.take() {
-                        listener = Some(socket.listen(1024)?);
-                    }
-                } else {
-                    if listener.take().is_some() {
-                        closed = Some(bound(address)?);
-                    }
+                port = port.switched(is_open)?;
+                if !is_open {
                     connections.shutdown().await;
                 }
                 let _ = done.send(());
             }
-            accepted = accept(listener.as_ref()) => {
+            accepted = port.accept() => {
                 let (stream, peer) = accepted?;
                 tracing::debug!(%address, %peer, "connected");
                 connections.spawn(serve_client(stream, peer, line.clone()));
@@ -131,22 +124,6 @@ pub(super) async fn serve(
         tracing::warn!("{}", strangers.reported());
     }
     Ok(())
-}
-
-/// Returns a socket that is bound to this address, but does not listen yet.
-fn bound(address: SocketAddr) -> io::Result<TcpSocket> {
-    let socket = if address.is_ipv4() { TcpSocket::new_v4()? } else { TcpSocket::new_v6()? };
-    socket.set_reuseaddr(true)?;
-    socket.bind(address)?;
-    Ok(socket)
-}
-
-/// Waits for the next connection. Never returns without a listener.
-async fn accept(listener: Option<&TcpListener>) -> io::Result<(TcpStream, SocketAddr)> {
-    match listener {
-        Some(listener) => listener.accept().await,
-        None => std::future::pending().await,
-    }
 }
 
 /// Evaluates how a connection ended. Returns the address of a client that did not send Modbus. Returns an error after a

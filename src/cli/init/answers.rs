@@ -2,7 +2,7 @@
 
 use std::net::Ipv4Addr;
 
-use super::serial_settings::SerialSettings;
+use super::serial_settings::{Frames, SerialSettings};
 use super::value_form::ValueForm;
 use crate::discovery::bus::LineAddress;
 use crate::discovery::{Register, Table};
@@ -102,6 +102,15 @@ impl Line {
     fn place(&self) -> &str {
         match self {
             Line::Tcp(place) | Line::AsciiOverTcp(place) | Line::Serial(place, _) => place,
+        }
+    }
+
+    /// Returns whether the line has frames of Modbus ASCII.
+    pub(super) fn is_ascii(&self) -> bool {
+        match self {
+            Line::Tcp(_) => false,
+            Line::AsciiOverTcp(_) => true,
+            Line::Serial(_, settings) => settings.frames != Frames::Rtu,
         }
     }
 

@@ -362,13 +362,18 @@ impl Asking<'_, '_> {
         let other_line = |text: &str| {
             let line = if text == "same" { None } else { Some(Line::parse(text)?) };
             // A line has one bus, also if its address is written a second time.
-            match line.filter(|line| !line.is_same(module)) {
-                None if is_of_text => Err(
+            match line {
+                Some(line) if !line.is_same(module) => Ok(Some(line)),
+                _ if is_of_text => Err(
                     "the module sends text, so the control needs another line: write 192.168.0.20:502, or \
                          /dev/ttyUSB1"
                         .to_owned(),
                 ),
-                line => Ok(line),
+                Some(line) if line.is_ascii() != module.is_ascii() => Err(format!(
+                    "{text} is the line of the module, which has other frames: write same, or the address of another \
+                     line"
+                )),
+                _ => Ok(None),
             }
         };
         let control = self.text(
@@ -513,7 +518,7 @@ const OF_TEMPERATURE: FormQuestions = FormQuestions {
     options: ["type", "word-order", "scale"],
     texts: ["Type of the temperatures", "Word order of the temperatures", "Degrees Celsius per count"],
     scale_help: "0.1 if the register shows 215 at 21.5 °C. If the device has the power of ten in a register, as \
-                 SunSpec devices do, write that register: holding:12.",
+                 SunSpec devices do, write that register: holding:12, or 40013.",
     parse_scale: value_form::scale_or_register,
 };
 

@@ -289,6 +289,10 @@ fn the_scale_of_the_temperatures_may_be_in_another_register() {
     }
     let refused = value_form::scale_or_register("holding:0", answers::first_register("holding:0").ok());
     assert!(refused.unwrap_err().contains("the register of the value itself"));
+    let holding = |text: &str| (1.0, Some(text.parse::<isotherm_profile::Cell>().unwrap()));
+    assert_eq!(value_form::scale_or_register("40013", None), Ok(holding("holding:12")));
+    assert_eq!(value_form::scale_or_register("40013.8-11", None), Ok(holding("holding:12.8-11")));
+    assert_eq!(value_form::scale_or_register("1000.0", None), Ok((1000.0, None)));
 }
 
 #[test]
@@ -376,6 +380,9 @@ fn a_line_with_modbus_ascii_is_offered_on_a_port_and_through_a_serial_server() {
     let answers = answered_with(&[&usual[..], &control].concat(), "").0.unwrap();
     assert_eq!(answers.control, Some(Line::Serial("/dev/ttyUSB0".to_owned(), ascii(9600, Parity::Even, 8))));
     assert_eq!(taken(&answers).buses.len(), 2);
+    let refused = answered_with(&[&usual[..], &control, &["--bus", "/dev/ttyUSB0"]].concat(), "").0;
+    let refused = refused.unwrap_err().to_string();
+    assert!(refused.contains("the line of the module, which has other frames"), "{refused}");
     for (written, why) in [
         ("modbus-ascii:///dev/ttyUSB0?baud=19200", "write modbus-ascii:///dev/ttyUSB0: baud rate"),
         ("modbus-ascii+tcp://192.168.0.10", "write modbus-ascii+tcp://192.168.0.10:4001"),

@@ -75,11 +75,9 @@ fn write_profile(text: &mut String, answers: &Answers) -> std::fmt::Result {
 fn line(text: &mut String, name: &str, line: &Line, sends_text: bool) -> std::fmt::Result {
     let kind = match line {
         _ if sends_text => "serial-ascii",
-        Line::Tcp(_) => "modbus-tcp",
-        Line::AsciiOverTcp(_) | Line::Serial(_, SerialSettings { frames: Frames::Ascii { .. }, .. }) => {
-            "modbus-ascii"
-        }
+        line if line.is_ascii() => "modbus-ascii",
         Line::Serial(..) => "modbus-rtu",
+        _ => "modbus-tcp",
     };
     writeln!(text, "[bus.{name}]\ntype    = \"{kind}\"")?;
     match line {

@@ -61,7 +61,10 @@ pub(super) fn scale(text: &str) -> Result<f64, String> {
 
 /// Parses a scale, or the register of the device with its power of ten. `first`: first register of the value.
 pub(super) fn scale_or_register(text: &str, first: Option<Cell>) -> Result<(f64, Option<Cell>), String> {
-    if !text.contains(':') {
+    // A number of five digits is a register in Modicon notation. No scale is so large.
+    let digits = text.split('.').next().unwrap_or_default();
+    let is_modicon = digits.len() >= 5 && digits.bytes().all(|byte| byte.is_ascii_digit());
+    if !text.contains(':') && !is_modicon {
         return Ok((scale(text)?, None));
     }
     let from: Cell = text.parse()?;

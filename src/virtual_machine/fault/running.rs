@@ -141,9 +141,17 @@ impl Faults {
 
     /// Counts an answer of the device for each of its broken signals.
     pub(crate) fn count_signals(&mut self, device: DeviceId, now: Moment) {
+        self.count_shown(device, now, |_| true);
+    }
+
+    /// Counts an answer of the device for each of its broken signals that the answer shows.
+    pub(crate) fn count_shown(&mut self, device: DeviceId, now: Moment, is_shown: impl Fn(SignalId) -> bool) {
         for running in self.running.iter_mut().filter(|running| running.fault.device == device) {
-            let is_of_a_signal = matches!(running.fault.kind, Kind::Signal { .. } | Kind::Node { .. });
-            if is_of_a_signal && running.is_active(now) {
+            let is_counted = match running.fault.kind {
+                Kind::Signal { signal, .. } | Kind::Node { signal, .. } => is_shown(signal),
+                _ => false,
+            };
+            if is_counted && running.is_active(now) {
                 running.replies += 1;
             }
         }

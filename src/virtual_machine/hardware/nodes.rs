@@ -81,7 +81,9 @@ impl Hardware {
             }
         };
         let values = nodes.iter().map(value).collect();
-        self.faults.count_signals(device, now);
+        let profile = &self.profile;
+        let is_shown = |id| nodes.iter().any(|node| profile.signal(id).address.node() == Some(node));
+        self.faults.count_shown(device, now, is_shown);
         values
     }
 
@@ -96,7 +98,6 @@ impl Hardware {
         let device = self.units[place].device;
         self.units[place].requests += 1;
         self.advance_to(now);
-        self.faults.count_signals(device, now);
         let fault = self.faults.reply(device, true, now);
         let write = |(node, value): &(Node, Option<Scalar>)| self.write_node(place, node, *value, fault, now);
         let results = values.iter().map(write).collect();

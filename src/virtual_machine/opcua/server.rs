@@ -5,7 +5,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use rand::RngExt;
-use tokio::io::{AsyncReadExt, AsyncWriteExt};
+use tokio::io::{AsyncRead, AsyncReadExt, AsyncWrite, AsyncWriteExt};
 use tokio::net::{TcpListener, TcpStream};
 use tokio::sync::{Mutex, mpsc, watch};
 
@@ -51,13 +51,26 @@ impl NodeServer {
     }
 }
 
-/// Passes the bytes of one connection on, until an end closes it or the device is started again.
-async fn relay(mut client: TcpStream, line: Arc<NodeLine>, library: Arc<Mutex<Library>>) -> io::Result<()> {
-    let mut cuts = line.cuts();
-    let (mut server, boots) = library.lock().await.connect(&line).await?;
-    let (mut from_client, mut to_client) = client.split();
-    let (mut from_server, mut to_server) = server.split();
+/// Serves one connection, until an end closes it or the device is started again.
+async fn relay(client: TcpStream, line: Arc<NodeLine>, library: Arc<Mutex<Library>>) -> io::Result<()> {
+    let cuts = line.cuts();
+    let (server, boots) = library.lock().await.connect(&line).await?;
+    pass_on(client, server, &line, (cuts, boots)).await
+}
+
+/// Passes bytes on between a client and the library, until an end closes the connection. `boots` is the number of starts
+/// of the device at the beginning. The connection also ends if the device was started again.
+pub(super) async fn pass_on<S: AsyncRead + AsyncWrite>(
+    client: S,
+    server: S,
+    line: &NodeLine,
+    (mut cuts, boots): (watch::Receiver<Cut>, u16),
+) -> io::Result<()> {
+    let (mut from_client, mut to_client) = tokio::io::split(client);
+    let (mut from_server, mut to_server) = tokio::io::split(server);
     let (mut asked, mut answered) = (vec![0; PIECE], vec![0; PIECE]);
+    // Number of bytes of an answer that are not sent yet.
+    let mut held = 0;
     loop {
         tokio::select! {
             read = from_client.read(&mut asked) => {
@@ -67,25 +80,27 @@ async fn relay(mut client: TcpStream, line: Arc<NodeLine>, library: Arc<Mutex<Li
                 }
                 to_server.write_all(&asked[..count]).await?;
             }
-            read = from_server.read(&mut answered) => {
-                let count = read?;
-                if count == 0 {
+            read = from_server.read(&mut answered), if held == 0 => {
+                held = read?;
+                if held == 0 {
                     return Ok(());
                 }
-                while line.is_silent() {
-                    tokio::time::sleep(SILENT).await;
-                }
-                match next_cut(&mut cuts) {
-                    Cut::None => to_client.write_all(&answered[..count]).await?,
-                    Cut::Close => return Ok(()),
-                    Cut::Mute => while from_client.read(&mut asked).await? > 0 {},
-                    Cut::Garbage => {
-                        let bytes: [u8; 16] = stream(u64::from(boots), "garbage").random();
-                        to_client.write_all(&bytes).await?;
-                    }
-                }
+            }
+            () = tokio::time::sleep(SILENT), if held > 0 => {}
+        }
+        if held == 0 || line.is_silent() {
+            continue;
+        }
+        match next_cut(&mut cuts) {
+            Cut::None => to_client.write_all(&answered[..held]).await?,
+            Cut::Close => return Ok(()),
+            Cut::Mute => while from_client.read(&mut asked).await? > 0 {},
+            Cut::Garbage => {
+                let bytes: [u8; 16] = stream(u64::from(boots), "garbage").random();
+                to_client.write_all(&bytes).await?;
             }
         }
+        held = 0;
     }
 }
 

@@ -1,11 +1,16 @@
 use std::path::Path;
+use std::pin::pin;
+use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 use ::opcua::types::{StatusCode, Variant};
+use tokio::io::{AsyncReadExt, AsyncWriteExt};
 
 use super::content::data_value;
 use super::nodes::{APPLICATION, Access, ServerNode};
-use super::{Endpoint, ServerNodes, with_types};
+use super::server::pass_on;
+use super::{Endpoint, NodeLine, ServerNodes, with_types};
+use crate::clock::Clock;
 use crate::virtual_machine::fault::{FaultScript, Faults};
 use crate::virtual_machine::hardware::Hardware;
 use crate::virtual_machine::hardware::nodes::NodeValue;
@@ -172,4 +177,44 @@ fn a_control_acknowledges_a_handshake_in_nodes_and_rejects_a_value_of_another_ty
         let after = hardware.read_nodes(device, &taken, now).results;
         assert_eq!((before, after), (vec![NodeValue::Number(flag(!up))], vec![NodeValue::Number(flag(up))]));
     }
+}
+
+#[test]
+fn a_fault_of_a_signal_counts_only_answers_and_samples_with_its_node() {
+    let (profile, now) = (profile(PROFILE), Moment::from_nanos(0));
+    let script = "[[fault]]\ndevice = \"cnc\"\nkind = \"status\"\nsignal = \"bed\"\nfor = 2\n";
+    let faults = Faults::new(FaultScript::parse(script, &profile).unwrap(), now);
+    let mut hardware = Hardware::new(&profile, None, 1, faults, now, Vec::new());
+    let named = |id: &str, data_type| [Node::new(id.parse().unwrap(), Some(data_type))];
+    let (bed, taken) = (named("ns=2;s=bed", DataType::F64), named("ns=2;s=taken", DataType::Bool));
+    let beat = [(named("ns=2;s=beat", DataType::I16)[0].clone(), None::<Scalar>)];
+    assert_eq!(hardware.write_nodes(DeviceId(0), &beat, now).results, [Status::TYPE_MISMATCH]);
+    let is_bad = |nodes: &[Node; 1]| {
+        matches!(hardware.sample_nodes(DeviceId(0), nodes, now)[..], [NodeValue::Status(_)])
+    };
+    assert_eq!([&bed, &taken, &taken, &bed, &bed].map(is_bad), [true, false, false, true, false]);
+}
+
+#[tokio::test]
+async fn a_connection_to_a_silent_server_ends_with_its_client() {
+    let (profile, clock) = (profile(PROFILE), Clock::wall());
+    let silent = "[[fault]]\ndevice = \"cnc\"\nkind = \"silent\"\n";
+    let faults = Faults::new(FaultScript::parse(silent, &profile).unwrap(), clock.now());
+    let hardware = Hardware::new(&profile, None, 1, faults, clock.now(), Vec::new());
+    let parts = (Arc::new(Mutex::new(hardware)), clock);
+    let line = NodeLine::new(ServerNodes::of(&profile, 0).unwrap(), parts, DeviceId(0));
+    let (mut client, near_client) = tokio::io::duplex(64);
+    let (mut server, near_server) = tokio::io::duplex(64);
+    server.write_all(b"answer").await.unwrap();
+    let mut passing = pin!(pass_on(near_client, near_server, &line, (line.cuts(), line.boots())));
+    let mut received = [0; 8];
+    tokio::select! {
+        biased;
+        ended = &mut passing => panic!("{ended:?}"),
+        read = client.read(&mut received) => panic!("{read:?}"),
+        () = std::future::ready(()) => {}
+    }
+    drop(client);
+    let ended = tokio::time::timeout(Duration::from_secs(60), passing).await;
+    ended.expect("the connection stays open").unwrap();
 }

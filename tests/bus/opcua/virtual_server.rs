@@ -61,15 +61,15 @@ async fn values(line: &mut Line) -> Result<BTreeMap<String, Result<f64, Reason>>
     Ok(requests[0].fields.iter().map(value).collect())
 }
 
-/// Waits until the line reads good values again.
-async fn recovers(line: &mut Line) -> bool {
+/// Waits until the line reads good values again, and returns them. Returns `None` if it does not.
+async fn recovers(line: &mut Line) -> Option<[f64; 2]> {
     for _ in 0..50 {
-        if matches!(line.signals().await, Ok([Ok(_), Ok(_)])) {
-            return true;
+        if let Ok([Ok(bed), Ok(scale)]) = line.signals().await {
+            return Some([bed, scale]);
         }
         tokio::time::sleep(SHORTLY).await;
     }
-    false
+    None
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
@@ -118,11 +118,13 @@ async fn a_fault_of_an_answer_costs_one_call_and_no_value_is_wrong() {
         ("close", "", None),
         ("garbage", "", None),
     ] {
-        let faults = fault(kind, &format!("for = 1\n{more}"));
+        let faults = fault(kind, &format!("for = 1\n{more}"))
+            + &fault("value", "signal = \"bed\"\nvalue = 27.5")
+            + &fault("value", "signal = \"scale\"\nvalue = -0.25");
         let (devices, mut line) = started(&machine(4840, ""), &faults).await;
         let failed = line.signals().await.unwrap_err();
         assert!(expected.is_none_or(|expected| failed == expected), "{kind}: {failed}");
-        assert!(recovers(&mut line).await, "{kind}");
+        assert_eq!(recovers(&mut line).await, Some([27.5, -0.25]), "{kind}");
         devices.stop().await.unwrap();
     }
 }
@@ -159,7 +161,7 @@ async fn a_restart_loses_what_was_written_and_the_session() {
     assert_eq!(line.stands().await, Ok(-37));
     assert_eq!(line.exchanges(), 0);
     assert_eq!(line.stands().await, Ok(0), "the third call starts the server again");
-    assert!(recovers(&mut line).await);
+    assert!(recovers(&mut line).await.is_some());
     assert_eq!(line.stands().await, Ok(0));
     assert!(line.exchanges() > 0, "the server does not know the session");
     devices.stop().await.unwrap();
@@ -177,23 +179,31 @@ async fn a_closed_listener_refuses_connections_until_it_is_open_again() {
         }
         tokio::time::sleep(Duration::from_millis(10)).await;
     }
-    assert!(failed && recovers(&mut line).await, "failed: {failed}");
+    assert!(failed && recovers(&mut line).await.is_some(), "failed: {failed}");
     devices.stop().await.unwrap();
 }
 
+/// Calls fail after the change. Only the subscription can therefore bring the new value.
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn a_subscription_receives_a_value_that_changes() {
-    let faults = fault("value", "signal = \"bed\"\nvalue = 31.0\nat = \"1s\"");
+    const CALLS: usize = 60;
+    let faults = fault("value", &format!("signal = \"bed\"\nvalue = 31.0\nafter = {CALLS}"))
+        + &fault("status", &format!("code = 0x801F0000\nafter = {CALLS}"));
     let (devices, mut line) = started(&subscribing(4840), &faults).await;
+    assert!(recovers(&mut line).await.is_some());
+    for _ in 0..CALLS {
+        let _ = line.writes(5).await;
+    }
+    assert_eq!(line.writes(5).await, Err(Fault::Status(Status(0x801f_0000))));
     let mut seen = Vec::new();
-    for _ in 0..100 {
+    for _ in 0..300 {
         seen.push(line.signals().await);
-        if matches!(seen.last(), Some(Ok([Ok(bed), _])) if (bed - 31.0).abs() < 1e-9) {
+        if matches!(seen.last(), Some(Ok([Ok(31.0), Ok(_)]))) {
             break;
         }
         tokio::time::sleep(Duration::from_millis(100)).await;
     }
-    assert!(matches!(seen.last(), Some(Ok([Ok(bed), _])) if (bed - 31.0).abs() < 1e-9), "{seen:?}");
+    assert!(matches!(seen.last(), Some(Ok([Ok(31.0), Ok(_)]))), "{seen:?}");
     devices.stop().await.unwrap();
 }
 

@@ -1,5 +1,5 @@
-//! Serial server that buffers the frames of a serial line over a socket. It passes on requests and answers late and in blocks, to the client
-//! that is connected then, whatever the client has requested in the meantime.
+//! Serial server that buffers the frames of a serial line over a socket. It passes on requests and answers late and in
+//! blocks, to the client that is connected then, whatever the client has requested in the meantime.
 
 use std::io::{Read, Write};
 use std::net::{SocketAddr, TcpListener, TcpStream};
