@@ -21,7 +21,7 @@ pub const ANSWER_TIMEOUT: Duration = Duration::from_secs(5);
 /// Interval at which [`ServiceTimes`] records that the sockets are served.
 const LOOK_EVERY: Duration = Duration::from_secs(1);
 /// Length up to which [`ServiceTimes`] records no gap, in milliseconds.
-const SHORTEST_GAP: u64 = 1500;
+const SHORTEST_GAP: u64 = 1100;
 
 /// Channel over which a command was received.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
@@ -239,10 +239,10 @@ mod tests {
         attendance.record(108_250);
         attendance.record(109_000);
         assert_eq!(attendance.longest_wait(109_100), Duration::from_millis(100));
-        attendance.record(110_500);
-        assert_eq!(attendance.longest_wait(110_600), Duration::from_millis(100));
+        attendance.record(110_100);
+        assert_eq!(attendance.longest_wait(110_200), Duration::from_millis(100));
         // One millisecond more is a gap.
-        attendance.record(112_001);
-        assert_eq!(attendance.longest_wait(112_101), Duration::from_millis(1601));
+        attendance.record(111_201);
+        assert_eq!(attendance.longest_wait(111_301), Duration::from_millis(1201));
     }
 }

@@ -6,7 +6,9 @@
 //   read ID…           prints value, status, source time and unit of these nodes
 //   write ID NUMBER    tries to write, and prints the status
 //   call AXIS ERROR    calls the method `measured`, and prints its outputs
-//   watch SECONDS ID…  subscribes, prints `ready`, then number of changes, statuses and last source time of each node
+//   watch SECONDS ID…  subscribes, prints `ready`, `changing` at the 20th change of the last node, and at the end
+//                      number of changes, statuses and last source time of each node. It ends early when the first
+//                      node has lost its device
 //   many NUMBER SECONDS ID  the same with so many clients; prints the number of changes of each
 //
 // A refusal is {"error": NAME OF THE STATUS}. Options and identifiers are those of opcua_client.py, but a policy has
@@ -108,15 +110,20 @@ async function watch(session, seconds, names, node) {
     const items = names.map((name) => ({ nodeId: node(name), attributeId: opcua.AttributeIds.Value }));
     const group = await subscription.monitorItems(items, asked, opcua.TimestampsToReturn.Both);
     const changes = Object.fromEntries(names.map((name) => [name, { count: 0, statuses: [], time: null }]));
-    group.on("changed", (_, value, place) => {
-        const change = changes[names[place]];
-        const status = value.statusCode.name;
-        change.count += 1;
-        change.time = value.sourceTimestamp;
-        if (change.statuses.at(-1) !== status) change.statuses.push(status);
+    const over = new Promise((end) => {
+        setTimeout(end, 1000 * seconds);
+        group.on("changed", (_, value, place) => {
+            const change = changes[names[place]];
+            const status = value.statusCode.name;
+            change.count += 1;
+            change.time = value.sourceTimestamp;
+            if (change.statuses.at(-1) !== status) change.statuses.push(status);
+            if (place === names.length - 1 && change.count === 20) process.stdout.write("changing\n");
+            if (place === 0 && status.includes("NoCommunication")) end();
+        });
     });
     process.stdout.write("ready\n");
-    await new Promise((done) => setTimeout(done, 1000 * seconds));
+    await over;
     await subscription.terminate();
     return changes;
 }

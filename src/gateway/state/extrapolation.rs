@@ -3,6 +3,7 @@
 use crate::observe::events::Event;
 use crate::observe::status::ExtrapolationStatus;
 use isotherm_core::compensation::model::Outside;
+use isotherm_core::compensation::settings::AxisSettings;
 use isotherm_core::compensation::{CLEARLY_INSIDE, Decision, Extrapolation};
 use isotherm_core::explained::Explained;
 use isotherm_core::quantity::Micron;
@@ -39,8 +40,9 @@ pub(super) fn cause(profile: &Profile, found: &Extrapolation) -> Explained {
 }
 
 /// Returns the text of the alarm: how extrapolation began, what the axis does, and what ends the alarm. An alarm may
-/// last for days, so the text has no figures that change.
-fn alarm(profile: &Profile, found: &Extrapolation) -> String {
+/// last for days, so the text has no figures that change. `has_envelope` states that the model in use has an envelope;
+/// a model with a guideway may have one too.
+fn alarm(profile: &Profile, found: &Extrapolation, has_envelope: bool) -> String {
     let farthest = farthest(profile, found, |_, _| "was ".to_owned());
     let is_guideway = found.distance.is_none();
     let does = match found.outside {
@@ -51,10 +53,13 @@ fn alarm(profile: &Profile, found: &Extrapolation) -> String {
         Outside::Agree => "Cz follows the model as far as its two halves agree",
     };
     let share = -100.0 * CLEARLY_INSIDE;
-    let ends = if is_guideway {
-        format!("the position is inside the guideway by {share:.0} % of its length")
-    } else {
-        format!("every input is inside its range by {share:.0} % of the range, and their combination as well")
+    let inputs = format!(
+        "every input is inside its range by {share:.0} % of the range, and their combination as well"
+    );
+    let ends = match (is_guideway, has_envelope) {
+        (false, _) => inputs,
+        (true, false) => format!("the position is inside the guideway by {share:.0} % of its length"),
+        (true, true) => format!("the position is inside the guideway, and {inputs}"),
     };
     format!("extrapolating, which began because {farthest}; {does}; the alarm ends when {ends}")
 }
@@ -74,23 +79,25 @@ fn farthest(profile: &Profile, found: &Extrapolation, by: impl Fn(f64, Unit) -> 
 /// known whether the axis extrapolates.
 pub(super) fn event(
     profile: &Profile,
-    axis: &str,
+    axis: &AxisSettings,
     decision: &Decision,
     reported: &mut bool,
 ) -> Option<Event> {
-    let axis = || axis.to_owned();
+    let name = || axis.name.clone();
     match &decision.extrapolating {
         Some(found) if !*reported => {
             *reported = true;
-            let how = Explained::new(alarm(profile, found), MEASURE);
-            Some(Event::Extrapolating { axis: axis(), how })
+            let model = decision.model.and_then(|place| axis.models.get(place));
+            let has_envelope = model.is_some_and(|model| model.envelope.is_some());
+            let how = Explained::new(alarm(profile, found, has_envelope), MEASURE);
+            Some(Event::Extrapolating { axis: name(), how })
         }
         None if *reported
             && decision.model.is_some()
             && decision.excess.is_none_or(|excess| excess < CLEARLY_INSIDE) =>
         {
             *reported = false;
-            Some(Event::Interpolating { axis: axis() })
+            Some(Event::Interpolating { axis: name() })
         }
         _ => None,
     }
@@ -144,7 +151,10 @@ mod tests {
             let readings = [*bed, 24.0, 1.0, 0.0].map(good);
             compensation.step(&Snapshot::new(now, &readings), &control);
             let decision = compensation.decision(0).unwrap();
-            events.extend(event(&profile, "z", decision, &mut reported).map(|event| event.entry(now).kind));
+            events.extend(
+                event(&profile, &profile.axes[0].settings, decision, &mut reported)
+                    .map(|event| event.entry(now).kind),
+            );
         }
         events
     }
@@ -220,7 +230,7 @@ mod tests {
             (Outside::Shrink, "Cz is smaller than the value of the model"),
             (Outside::Agree, "Cz follows the model as far as its two halves agree"),
         ] {
-            let first = alarm(&profile, &found(0.1, outside, Some((3.1, 3.0)), 1.0));
+            let first = alarm(&profile, &found(0.1, outside, Some((3.1, 3.0)), 1.0), true);
             assert_eq!(
                 first,
                 format!(
@@ -228,17 +238,21 @@ mod tests {
                      when every input is inside its range by 5 % of the range, and their combination as well"
                 )
             );
-            let later = alarm(&profile, &found(9.7, outside, Some((12.0, 3.0)), 0.2));
+            let later = alarm(&profile, &found(9.7, outside, Some((12.0, 3.0)), 0.2), true);
             assert_eq!(first, later);
         }
         assert_eq!(
-            alarm(&profile, &found(35.0, Outside::Warn, None, 1.0)),
+            alarm(&profile, &found(35.0, Outside::Warn, None, 1.0), false),
             "extrapolating, which began because bed was above its largest value; Cz is the value at the end of the \
              guideway; the alarm ends when the position is inside the guideway by 5 % of its length"
         );
+        let both = alarm(&profile, &found(35.0, Outside::Warn, None, 1.0), true);
+        let ends =
+            "ends when the position is inside the guideway, and every input is inside its range by 5 %";
+        assert!(both.contains(ends), "{both}");
         let combination =
             Extrapolation { farthest: None, ..found(0.0, Outside::Hold, Some((3.1, 3.0)), 1.0) };
-        let text = alarm(&profile, &combination);
+        let text = alarm(&profile, &combination, true);
         let began =
             "began because the model was not identified with this combination of inputs; Cz does not change";
         assert!(text.contains(began), "{text}");

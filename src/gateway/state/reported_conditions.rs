@@ -152,7 +152,7 @@ impl ReportedConditions {
         }
         self.levels.report_limit((profile, axis), decision, contributions, events);
         self.levels.report(axis, decision, events);
-        events.extend(extrapolation::event(profile, &axis.name, decision, &mut self.extrapolating));
+        events.extend(extrapolation::event(profile, axis, decision, &mut self.extrapolating));
         events.extend(comparison::event(axis, decision, &mut self.worse));
     }
 

@@ -110,7 +110,8 @@ impl Quality {
     /// Returns the quality of a register value, by the state of its output and of the device.
     fn of_register(value: Option<f64>, output: &str, device: &str) -> Quality {
         match (value, output, device) {
-            (Some(_), _, "lost") => Quality::LastUsableNoAnswer,
+            // The last run may have left the value of a register that cannot be read.
+            (Some(_), _, "lost" | "never-answered") => Quality::LastUsableNoAnswer,
             (Some(_), _, "not-as-expected") | (Some(_), "unverified" | "interlocked", _) => {
                 Quality::LastUsable
             }

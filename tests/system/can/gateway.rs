@@ -344,8 +344,18 @@ fn an_interface_that_is_missing_at_the_start_or_taken_away_is_taken_up_when_it_i
         let status = wait_until(source, "it is reported again", |status| count(status, "link-down") == 2);
         assert_eq!(count(&status, "link-up"), 1);
         interface.appears();
-        let _nodes = [module(), sender(), cnc()].map(|state| Node::new(interface.name(), state));
+        let nodes = [module(), sender(), cnc()].map(|state| Node::new(interface.name(), state));
         wait_until(source, "the axis follows again", is_active);
+        drop(nodes);
+        // Removed and made again at once: the gateway may find another interface of this name up, and an old socket.
+        interface.vanishes();
+        interface.appears();
+        let nodes = [module(), sender(), cnc()].map(|state| Node::new(interface.name(), state));
+        nodes[0].state().pdos.insert(0x185, vec![255, 0]);
+        wait_until(source, "a new socket is read", |status| {
+            signal(status, "bed").value.is_some_and(|celsius| celsius > 25.4)
+        });
+        wait_until(source, "the axis follows once more", is_active);
     });
 }
 

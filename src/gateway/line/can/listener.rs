@@ -275,7 +275,10 @@ impl CanListener {
         self.can.link.failed(fault);
         self.is_up = false;
         self.unsent.clear();
-        let _ = self.discard();
+        // The socket reports a removed interface a single time. Without this report the dead socket would stay open.
+        if let Some(later) = self.discard() {
+            self.can.link.failed(later);
+        }
         self.is_without(fault);
     }
 

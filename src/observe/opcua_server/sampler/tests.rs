@@ -123,6 +123,7 @@ fn a_value_that_can_no_longer_be_verified_is_the_last_usable_one() {
         ("not-as-expected", "verified", LastUsable),
         ("lost", "verified", LastUsableNoAnswer),
         ("lost", "off", LastUsableNoAnswer),
+        ("never-answered", "off", LastUsableNoAnswer),
     ] {
         let mut machine = Machine::new();
         let mut later = status();
