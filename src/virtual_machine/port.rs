@@ -25,15 +25,15 @@ pub(super) async fn serve(
                 port.set_present(is_open)?;
                 let _ = done.send(());
             }
-            ended = talk(&mut port, &line, serial) => ended?,
+            ended = talk(&port, &line, serial) => ended?,
         }
     }
 }
 
 /// Answers the client that has opened the port. Never returns while the port is removed.
-async fn talk(port: &mut VirtualPort, line: &Line, serial: Serial) -> io::Result<()> {
+async fn talk(port: &VirtualPort, line: &Line, serial: Serial) -> io::Result<()> {
     loop {
-        let Some(stream) = port.stream() else { return std::future::pending().await };
-        after(converse(stream, line, Some(serial)).await).await?;
+        let stream = port.stream().await?;
+        after(converse(stream, line, Some(serial)).await)?;
     }
 }

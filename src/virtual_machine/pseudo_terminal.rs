@@ -9,6 +9,7 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::fs::OFlags;
 use rustix::pty::OpenptFlags;
 use rustix::termios::OptionalActions;
@@ -75,7 +76,7 @@ impl Drop for Name {
 pub(super) struct VirtualPort {
     name: Name,
     /// End of the pseudo-terminal at which the devices answer. `None` while the port is removed.
-    hardware: Option<(Receiver, Sender)>,
+    hardware: Option<OwnedFd>,
 }
 
 impl VirtualPort {
@@ -95,27 +96,39 @@ impl VirtualPort {
         }
         let (hardware, path) = pseudo_terminal()?;
         self.name.points_to(&path)?;
-        let other = hardware.try_clone()?;
-        let ends = (Receiver::from_owned_fd_unchecked(hardware)?, Sender::from_owned_fd_unchecked(other)?);
-        self.hardware = Some(ends);
+        self.hardware = Some(hardware);
         Ok(())
     }
 
-    /// Returns the connection to the client. `None` while the port is removed.
-    pub(super) fn stream(&mut self) -> Option<Join<&mut Receiver, &mut Sender>> {
-        self.hardware.as_mut().map(|(receiver, sender)| tokio::io::join(receiver, sender))
+    /// Waits until a client has opened the port, and returns the connection to it. Never returns while the port is
+    /// removed.
+    ///
+    /// Each client has its own registration with the runtime. A registration remembers that a client has closed the
+    /// port, and each later read would then end at once without a byte.
+    pub(super) async fn stream(&self) -> io::Result<Join<Receiver, Sender>> {
+        let Some(hardware) = &self.hardware else { return std::future::pending().await };
+        while is_without_client(hardware)? {
+            tokio::time::sleep(CLIENT_CHECK).await;
+        }
+        let receiver = Receiver::from_owned_fd_unchecked(hardware.try_clone()?)?;
+        Ok(tokio::io::join(receiver, Sender::from_owned_fd_unchecked(hardware.try_clone()?)?))
     }
 }
 
-/// Waits before the port is tried again, if no client has it open. Returns any other error.
-pub(super) async fn after(ended: io::Result<()>) -> io::Result<()> {
-    match ended {
-        Err(error) if error.raw_os_error() != Some(rustix::io::Errno::IO.raw_os_error()) => Err(error),
-        _ => {
-            tokio::time::sleep(CLIENT_CHECK).await;
-            Ok(())
-        }
-    }
+/// Returns whether no client has opened the port, and no byte of an earlier client is left.
+fn is_without_client(hardware: &OwnedFd) -> io::Result<bool> {
+    let mut polled = [PollFd::new(hardware, PollFlags::IN)];
+    poll(&mut polled, Some(&Timespec::default()))?;
+    let found = polled[0].revents();
+    Ok(found.contains(PollFlags::HUP) && !found.contains(PollFlags::IN))
+}
+
+/// Returns the error with which a connection ended. `Ok` if the client has closed the port.
+pub(super) fn after(ended: io::Result<()>) -> io::Result<()> {
+    ended.or_else(|error| match error.raw_os_error() {
+        Some(code) if code == rustix::io::Errno::IO.raw_os_error() => Ok(()),
+        _ => Err(error),
+    })
 }
 
 fn pseudo_terminal() -> io::Result<(OwnedFd, PathBuf)> {
@@ -129,4 +142,37 @@ fn pseudo_terminal() -> io::Result<(OwnedFd, PathBuf)> {
     rustix::fs::fcntl_setfl(&hardware, flags | OFlags::NONBLOCK)?;
     let path = rustix::pty::ptsname(&hardware, Vec::new())?.into_bytes();
     Ok((hardware, PathBuf::from(std::ffi::OsString::from_vec(path))))
+}
+
+#[cfg(test)]
+mod tests {
+    use std::pin::Pin;
+
+    use tokio::io::{AsyncRead, AsyncReadExt, AsyncWriteExt, ReadBuf};
+
+    use super::*;
+
+    /// A read that waits for a byte takes no processor time, also after an earlier client has closed the port.
+    #[tokio::test]
+    async fn a_read_that_waits_for_a_later_client_is_not_repeated() {
+        let port = VirtualPort::plug_in(Name::free("waits").unwrap()).unwrap();
+        for _ in 0..2 {
+            let mut client = fs::File::options().read(true).write(true).open(port.name.path()).unwrap();
+            let mut stream = port.stream().await.unwrap();
+            std::io::Write::write_all(&mut client, b"a").unwrap();
+            assert_eq!(stream.read_u8().await.unwrap(), b'a');
+            stream.write_u8(b'b').await.unwrap();
+            let (mut polls, mut bytes) = (0, [0; 8]);
+            let read = std::future::poll_fn(|context| {
+                polls += 1;
+                Pin::new(&mut stream).poll_read(context, &mut ReadBuf::new(&mut bytes))
+            });
+            let waited = tokio::time::timeout(Duration::from_millis(50), read).await;
+            assert!(waited.is_err() && polls <= 3, "{polls} polls");
+            drop(client);
+            let ended = stream.read_u8().await.map(|_| ());
+            assert!(ended.is_err() && after(ended).is_ok());
+            assert!(is_without_client(port.hardware.as_ref().unwrap()).unwrap());
+        }
+    }
 }
