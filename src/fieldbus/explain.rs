@@ -298,8 +298,13 @@ mod tests {
             let hint = hint.unwrap_or_default();
             assert!(!hint.is_empty() && !cause.contains(&*hint), "{cause}; {hint}");
         }
-        let said = explain_on(Transport::OpcUa, Fault::Link(refused)).to_string();
-        assert!(said.ends_with("; the server's own log or display says why"), "{said}");
+        for (status, hint) in
+            [(0x8083_0000, "the path of the server"), (0x8002_0000, "own log or display says why")]
+        {
+            let refused = Fault::Link(LinkFault::OpcUa(OpcUaFault::Refused(Status(status))));
+            let said = explain_on(Transport::OpcUa, refused).to_string();
+            assert!(said.contains(hint), "{said}");
+        }
     }
 
     #[test]

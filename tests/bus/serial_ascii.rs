@@ -204,6 +204,11 @@ async fn a_scan_shows_the_text_of_a_readout_and_the_name_of_a_module() {
     let (_, lines) = scanned(&bench).await.profile.unwrap();
     assert!(lines.contains("text = \"{number.2}\"\nrequest = \"Q\\r\\n\""), "{lines}");
     bench.machine.stop().await.unwrap();
+    let second = ON_REQUEST.split_once("[signal.z]").unwrap().1.replace("{number.2}", "Y{number.2}");
+    let bench = Bench::new(THROUGH_TCP, &format!("{ON_REQUEST}\n[signal.y]{second}"), "").await;
+    let report = scanned(&bench).await;
+    assert!(report.text.starts_with("2 lines") && report.text.contains("\"Y"), "{}", report.text);
+    bench.machine.stop().await.unwrap();
     let bench = Bench::new(THROUGH_TCP, MODULE, "").await;
     let report = scanned(&bench).await;
     assert!(report.text.contains("DCON module 7018 at address 04"), "{}", report.text);

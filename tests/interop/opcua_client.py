@@ -6,6 +6,7 @@ opcua_client.py URL [OPTIONS] write ID NUMBER    tries to write, and prints the 
 opcua_client.py URL [OPTIONS] call AXIS ERROR [TIME [ID]]   calls the method `measured`, and prints its outputs
 opcua_client.py URL [OPTIONS] methods            prints all methods below Objects/Machines
 opcua_client.py URL [OPTIONS] watch SECONDS ID…  subscribes, prints `ready`, then how many changes each node had
+opcua_client.py URL [OPTIONS] changes SECONDS ID…   subscribes, prints `ready`, then each change: node, status, value
 opcua_client.py URL [OPTIONS] watch-all SECONDS  the same for the value of every signal
 opcua_client.py URL [OPTIONS] many NUMBER SECONDS ID  the same with so many clients; prints the changes of each
 opcua_client.py URL [OPTIONS] events SECONDS     subscribes to the events of the server, prints `ready`, then the events
@@ -78,6 +79,13 @@ class Changes:
         pass
 
 
+class PrintedChanges(Changes):
+    """Prints each change."""
+
+    def datachange_notification(self, node, value, data):
+        say([node.nodeid.Identifier, data.monitored_item.Value.StatusCode.name, value])
+
+
 def say(result):
     print(json.dumps(result), flush=True)
 
@@ -97,8 +105,8 @@ async def signals(server, index):
     return [server.get_node(ua.NodeId(f"{node.nodeid.Identifier}.value", index)) for node in nodes]
 
 
-async def watched(server, nodes, seconds, is_first=True):
-    changes = Changes()
+async def watched(server, nodes, seconds, is_first=True, changes=None):
+    changes = changes or Changes()
     subscription = await server.create_subscription(100, changes)
     for place in range(0, len(nodes), 200):
         await subscription.subscribe_data_change(nodes[place : place + 200], sampling_interval=100)
@@ -137,6 +145,8 @@ async def one(server, index):
         return await node(f"axis.{axis}").call_method(ua.NodeId(f"axis.{axis}.measured", index), error, *rest)
     if does == "watch":
         return await watched(server, [node(name) for name in more[1:]], float(more[0]))
+    if does == "changes":
+        return await watched(server, [node(name) for name in more[1:]], float(more[0]), changes=PrintedChanges())
     if does == "watch-all":
         return await watched(server, await signals(server, index), float(more[0]))
     if does == "events":

@@ -34,6 +34,23 @@ pub(super) fn data_value(sample: &Sample, now: DateTime) -> DataValue {
     }
 }
 
+/// Returns a value as subscriptions receive it.
+///
+/// The library compares only the values for a client without a filter. Such a client would not receive a new status of
+/// the same number. Therefore a number with one of the two uncertain statuses differs by its last binary digit, in
+/// another direction for each status.
+pub(super) fn subscribed(mut value: DataValue) -> DataValue {
+    let status = value.status;
+    if let Some(Variant::Double(number)) = &mut value.value {
+        if status == Some(StatusCode::UncertainLastUsableValue) {
+            *number = number.next_up();
+        } else if status == Some(StatusCode::UncertainNoCommunicationLastUsableValue) {
+            *number = number.next_down();
+        }
+    }
+    value
+}
+
 /// Returns a point in time in ticks.
 pub(super) fn date_time(at: Moment) -> DateTime {
     let ticks = i64::try_from(at.as_nanos() / TICK).unwrap_or(i64::MAX - TO_1970);
@@ -96,5 +113,24 @@ mod tests {
             panic!("a list is an array")
         };
         assert_eq!(array.values.len(), 2);
+    }
+
+    #[test]
+    fn a_subscribed_number_differs_with_each_status_and_never_by_more_than_its_last_digit() {
+        for number in [0.0, 10.0, -2.299, 1e-300] {
+            let qualities = [Quality::Good, Quality::LastUsable, Quality::LastUsableNoAnswer];
+            let mut seen: Vec<Option<Variant>> = Vec::new();
+            for quality in qualities {
+                let value = Value::Number(number);
+                let kept = data_value(&Sample { value, quality, at: Moment::default() }, DateTime::null());
+                let sent = subscribed(kept.clone());
+                assert_eq!((sent.status, sent.source_timestamp), (kept.status, kept.source_timestamp));
+                let Some(Variant::Double(received)) = sent.value else { panic!("{number} is a number") };
+                assert!((received - number).abs() <= number.abs() * f64::EPSILON + f64::from_bits(1));
+                assert!(!seen.contains(&sent.value), "{number}, {quality:?}");
+                seen.push(sent.value);
+            }
+            assert_eq!(seen.first(), Some(&Some(Variant::Double(number))));
+        }
     }
 }

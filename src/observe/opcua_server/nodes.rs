@@ -3,21 +3,24 @@
 use std::sync::Arc;
 
 use ::opcua::nodes::{EventNotifier, MethodBuilder, ObjectBuilder, ReferenceDirection, VariableBuilder};
+use ::opcua::server::CreateMonitoredItem;
 use ::opcua::server::address_space::{AddressSpace, add_namespaces};
 use ::opcua::server::diagnostics::NamespaceMetadata;
 use ::opcua::server::node_manager::memory::{
     InMemoryNodeManager, InMemoryNodeManagerImpl, InMemoryNodeManagerImplBuilder,
 };
-use ::opcua::server::node_manager::{MethodCall, RequestContext, ServerContext, WriteNode};
+use ::opcua::server::node_manager::{
+    MethodCall, ParsedReadValueId, RequestContext, ServerContext, WriteNode,
+};
 use ::opcua::sync::RwLock;
 use ::opcua::types::{
     Argument, DataTypeId, ExtensionObject, LocalizedText, NodeId, ObjectTypeId, QualifiedName,
-    ReferenceTypeId, StatusCode, UAString, VariableTypeId,
+    ReferenceTypeId, StatusCode, TimestampsToReturn, UAString, VariableTypeId,
 };
 use async_trait::async_trait;
 
 use super::catalogue::Kind;
-use super::convert::data_type;
+use super::convert::{data_type, subscribed};
 use super::measured::Measured;
 use super::tree::{Object, Role, Source, Tree, Variable, axis_id};
 use super::units::engineering_unit;
@@ -80,6 +83,23 @@ impl InMemoryNodeManagerImpl for Nodes {
             namespace_index: self.index,
             ..NamespaceMetadata::default()
         }]
+    }
+
+    async fn create_value_monitored_items(
+        &self,
+        context: &RequestContext,
+        space: &RwLock<AddressSpace>,
+        items: &mut [&mut &mut CreateMonitoredItem],
+    ) {
+        let nodes: Vec<&ParsedReadValueId> = items.iter().map(|item| item.item_to_monitor()).collect();
+        let values = self.read_values(context, space, &nodes, 0.0, TimestampsToReturn::Both).await;
+        for (value, item) in values.into_iter().zip(items.iter_mut()) {
+            // A node without a value sends its first one later.
+            if value.status != Some(StatusCode::BadAttributeIdInvalid) {
+                item.set_initial_value(subscribed(value));
+            }
+            item.set_status(StatusCode::Good);
+        }
     }
 
     async fn write(

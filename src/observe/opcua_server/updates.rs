@@ -3,11 +3,11 @@
 use std::sync::Arc;
 use std::time::Duration;
 
-use ::opcua::nodes::{BaseEventType, Event};
+use ::opcua::nodes::{BaseEventType, Event, NodeType};
 use ::opcua::server::ServerHandle;
-use ::opcua::types::NodeId;
+use ::opcua::types::{AttributeId, NodeId};
 
-use super::convert::{data_value, date_time};
+use super::convert::{data_value, date_time, subscribed};
 use super::event_feed::EventFeed;
 use super::nodes::{Manager, node};
 use super::pki::Pki;
@@ -115,12 +115,19 @@ impl Updates {
     fn set_values(&mut self, status: Status) {
         let changed = self.sampler.refresh(&self.tree.variables, status);
         let now = date_time(self.clock.time_of_day());
-        let values = changed.iter().filter_map(|place| {
-            let sample = self.sampler.sample(*place)?;
-            Some((self.ids.get(*place)?, None, data_value(sample, now)))
-        });
-        if let Err(status) = self.manager.set_values(self.handle.subscriptions(), values) {
-            tracing::debug!("the nodes of the OPC UA server cannot be updated: {status}");
+        let mut space = self.manager.address_space().write();
+        let mut notifier = self.handle.subscriptions().data_notifier();
+        for place in changed {
+            let (Some(sample), Some(id)) = (self.sampler.sample(place), self.ids.get(place)) else {
+                continue;
+            };
+            let value = data_value(sample, now);
+            if let Some(mut items) = notifier.notify_for(id, AttributeId::Value) {
+                items.data_value(subscribed(value.clone()));
+            }
+            if let Some(NodeType::Variable(variable)) = space.find_mut(id) {
+                variable.set_data_value(value);
+            }
         }
     }
 

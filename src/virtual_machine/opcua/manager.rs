@@ -15,8 +15,8 @@ use ::opcua::server::node_manager::{
 };
 use ::opcua::sync::RwLock;
 use ::opcua::types::{
-    AttributeId, DataTypeId, DataValue, LocalizedText, MonitoringMode, NodeId, QualifiedName, StatusCode,
-    TimestampsToReturn, VariableTypeId,
+    AttributeId, DataTypeId, DataValue, LocalizedText, MonitoringMode, NodeId, NumericRange, QualifiedName,
+    StatusCode, TimestampsToReturn, VariableTypeId, Variant,
 };
 use async_trait::async_trait;
 
@@ -86,6 +86,30 @@ fn insert(space: &mut AddressSpace, id: &NodeId, node: &ServerNode) {
     };
 }
 
+impl Nodes {
+    /// Reads nodes in one call. An array is read as a whole.
+    async fn read_whole(&self, nodes: &[&ParsedReadValueId]) -> Vec<DataValue> {
+        let place = |node: &&ParsedReadValueId| self.places.get(&node.node_id).copied();
+        let places: Vec<Option<usize>> = nodes.iter().map(place).collect();
+        let (values, fault) = self.line.read(&places);
+        self.line.obey(fault).await;
+        values
+    }
+}
+
+/// Returns the range of an array that a client asks for. A bad value stays as it is.
+pub(super) fn part(mut value: DataValue, range: &NumericRange) -> DataValue {
+    let is_good = value.status.is_none_or(|status| status.is_good());
+    let Some(whole) = value.value.as_ref().filter(|_| is_good && *range != NumericRange::None) else {
+        return value;
+    };
+    match whole.range_of(range) {
+        Ok(part) => value.value = Some(part),
+        Err(status) => (value.value, value.status) = (Some(Variant::Empty), Some(status)),
+    }
+    value
+}
+
 #[async_trait]
 impl InMemoryNodeManagerImpl for Nodes {
     async fn init(&self, _space: &mut AddressSpace, context: ServerContext) {
@@ -108,11 +132,8 @@ impl InMemoryNodeManagerImpl for Nodes {
         _max_age: f64,
         _timestamps: TimestampsToReturn,
     ) -> Vec<DataValue> {
-        let place = |node: &&ParsedReadValueId| self.places.get(&node.node_id).copied();
-        let places: Vec<Option<usize>> = nodes.iter().map(place).collect();
-        let (values, fault) = self.line.read(&places);
-        self.line.obey(fault).await;
-        values
+        let values = self.read_whole(nodes).await;
+        values.into_iter().zip(nodes).map(|(value, node)| part(value, &node.index_range)).collect()
     }
 
     async fn write(
@@ -138,12 +159,13 @@ impl InMemoryNodeManagerImpl for Nodes {
 
     async fn create_value_monitored_items(
         &self,
-        context: &RequestContext,
-        space: &RwLock<AddressSpace>,
+        _context: &RequestContext,
+        _space: &RwLock<AddressSpace>,
         items: &mut [&mut &mut CreateMonitoredItem],
     ) {
         let nodes: Vec<&ParsedReadValueId> = items.iter().map(|item| item.item_to_monitor()).collect();
-        let values = self.read_values(context, space, &nodes, 0.0, TimestampsToReturn::Both).await;
+        // The library takes the range out of each value itself.
+        let values = self.read_whole(&nodes).await;
         for (value, item) in values.into_iter().zip(items.iter_mut()) {
             let id = item.item_to_monitor().node_id.clone();
             let Some(place) = self.places.get(&id).copied() else {

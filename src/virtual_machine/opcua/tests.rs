@@ -3,10 +3,11 @@ use std::pin::pin;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
-use ::opcua::types::{StatusCode, Variant};
+use ::opcua::types::{DataValue, NumericRange, StatusCode, Variant};
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
 
 use super::content::data_value;
+use super::manager::part;
 use super::nodes::{APPLICATION, Access, ServerNode};
 use super::server::pass_on;
 use super::{Endpoint, NodeLine, ServerNodes, with_types};
@@ -155,6 +156,21 @@ fn an_array_has_its_elements_at_their_places_and_is_bad_if_one_is() {
     };
     let bad = values(&bad);
     assert_eq!((bad.status, bad.value), (Some(StatusCode::BadSensorFailure), Some(Variant::Empty)));
+}
+
+#[test]
+fn a_client_may_read_a_range_of_an_array() {
+    let whole = DataValue::new_now(Variant::from(vec![1.0, 2.0, 3.0]));
+    match part(whole.clone(), &NumericRange::Range(1, 2)).value {
+        Some(Variant::Array(array)) => assert_eq!(array.values, [2.0, 3.0].map(Variant::from)),
+        other => panic!("{other:?}"),
+    }
+    assert_eq!(part(whole.clone(), &NumericRange::None), whole);
+    let beyond = part(whole, &NumericRange::Index(3));
+    let no_data = (Some(Variant::Empty), Some(StatusCode::BadIndexRangeNoData));
+    assert_eq!((beyond.value, beyond.status), no_data);
+    let bad = DataValue::new_now_status(Variant::Empty, StatusCode::BadSensorFailure);
+    assert_eq!(part(bad, &NumericRange::Index(0)).status, Some(StatusCode::BadSensorFailure));
 }
 
 #[test]

@@ -100,6 +100,24 @@ fn a_register_that_can_no_longer_be_read_keeps_its_value_with_an_uncertain_statu
 }
 
 #[test]
+fn a_subscription_without_a_filter_gets_a_status_that_changes_although_the_value_does_not() {
+    let machine = Machine::open();
+    let ids = ["output.cnc_z.value", "axis.z.verified_um"];
+    let mut watchers = ids.map(|id| machine.watched_by(&["changes", "60", id]));
+    for (behaviour, status) in
+        [(Behaviour::IsGone, "\"UncertainNoCommunicationLastUsableValue\""), (Behaviour::Answers, "\"Good\"")]
+    {
+        machine.device(behaviour);
+        for watcher in &mut watchers {
+            let said = watcher.receives(status);
+            let change: Value = serde_json::from_str(&said).unwrap();
+            let value = change[2].as_f64().unwrap_or_default();
+            assert!((value - 10.0).abs() < 1e-12, "{said}");
+        }
+    }
+}
+
+#[test]
 fn a_subscription_gets_every_change_and_nothing_that_did_not_change() {
     let machine = Machine::open();
     let mut watcher = machine.watched_by(&["watch-all", "10"]);

@@ -274,11 +274,14 @@ impl TextPattern {
         };
         // A number may begin with its point. A comma before a number separates it from another one.
         let is_inside = |character: &char| *character == ' ' || *character == '.' && point == '.';
-        // The number begins with its sign, which may be before blanks.
+        let behind_text = |end: usize| {
+            characters[..end].iter().rposition(|character| *character != ' ').map_or(0, |text| text + 1)
+        };
+        // The number begins with the blanks before its sign, which may be before blanks too.
         let begin = |first: usize| {
             let other = characters[..first].iter().rposition(|character| !is_inside(character));
             match other {
-                Some(sign) if matches!(characters[sign], '+' | '-') => sign,
+                Some(sign) if matches!(characters[sign], '+' | '-') => behind_text(sign),
                 Some(other) => other + 1,
                 None => 0,
             }

@@ -145,6 +145,8 @@ impl Status {
     pub const WRITE_NOT_SUPPORTED: Status = Status(0x8073_0000);
     /// BadTypeMismatch: the node has another type than the value.
     pub const TYPE_MISMATCH: Status = Status(0x8074_0000);
+    /// BadTcpEndpointUrlInvalid: the server does not know the address at which it was called.
+    pub const URL_INVALID: Status = Status(0x8083_0000);
     /// BadSensorFailure: the sensor behind the node measures nothing.
     pub const SENSOR_FAILURE: Status = Status(0x808c_0000);
     /// BadRequestTooLarge: the request has more bytes than the server accepts.

@@ -114,6 +114,10 @@ impl OpcUaFault {
                 "close another client, or wait until a lost session has expired at the server"
             }
             OpcUaFault::NotYetValid | OpcUaFault::Clock => "correct the clock that is wrong",
+            OpcUaFault::Refused(status) if status.is(Status::URL_INVALID) => {
+                "write the path of the server too, as /plc in opc.tcp://192.168.0.10:4840/plc. The server's own display \
+                 or manual names it"
+            }
             OpcUaFault::Refused(_) => "the server's own log or display says why",
         }
     }

@@ -70,16 +70,22 @@ pub(super) fn report(bus: &Bus, timeout: Option<Duration>) -> Boxed<'_, Result<S
 
 /// Returns the lines that arrive without a request.
 async fn received(port: &mut TextPort, span: Duration) -> Result<Vec<Found>, Fault> {
+    let found = lines(port, (MOST_LINES, span)).await?;
+    Ok(found.into_iter().map(|line| Found::Sent { line }).collect())
+}
+
+/// Returns the next lines that arrive within this time.
+async fn lines(port: &mut TextPort, (most, span): (usize, Duration)) -> Result<Vec<String>, Fault> {
     let (begun, mut found) = (Silence::begin(), Vec::new());
-    while found.len() < MOST_LINES {
+    while found.len() < most {
         let Some(line) = port.next_line(begun.left_of(span)).await? else { break };
-        found.push(Found::Sent { line });
+        found.push(line);
     }
     Ok(found)
 }
 
-/// Returns the answers to usual requests, up to the first one with a value. Without a value, also returns the DCON
-/// modules: another device may answer a request with an error text.
+/// Returns the answers to usual requests, up to the first one with a value, with its further lines. Without a value,
+/// also returns the DCON modules: another device may answer a request with an error text.
 async fn answers(port: &mut TextPort, span: Duration) -> Result<Vec<Found>, Fault> {
     let mut found = Vec::new();
     for request in REQUESTS {
@@ -90,8 +96,11 @@ async fn answers(port: &mut TextPort, span: Duration) -> Result<Vec<Found>, Faul
         }
         let Some(line) = line else { continue };
         let is_last = has_value(&line);
-        found.push(Found::Answered { request: request.to_owned(), line });
+        let answered = |line| Found::Answered { request: request.to_owned(), line };
+        found.push(answered(line));
         if is_last {
+            let more = lines(port, (MOST_LINES - 1, span)).await?;
+            found.extend(more.into_iter().map(answered));
             return Ok(found);
         }
     }

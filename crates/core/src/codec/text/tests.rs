@@ -180,6 +180,8 @@ fn a_pattern_like_a_line_reads_the_number_with_decimals() {
     for (line, expected) in [
         ("+012.345 mm", Some("{number.3} mm")),
         ("X =-  0.5", Some("X ={number.1}")),
+        ("   -12.35", Some("{number.2}")),
+        ("X  -12.35 mm", Some("X{number.2} mm")),
         ("01A+0001.25", Some("01A{number.2}")),
         ("  17", Some("{number}")),
         (">+25.12+23.40", Some(">{number.2}{any}")),
