@@ -9,6 +9,7 @@ use anyhow::Context;
 use serde::{Deserialize, Serialize};
 
 use super::loading::load_quietly;
+use super::new_file::cannot_be_written;
 use super::running;
 use super::values::key_and_value;
 use crate::cli::print::{say, say_beside};
@@ -211,7 +212,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         ErrorKind::AlreadyExists if arguments.rotate.is_none() => {
             anyhow::anyhow!("{} exists already: give another name", file.display())
         }
-        _ => anyhow::Error::new(error).context(format!("{} cannot be written", file.display())),
+        _ => cannot_be_written(&file, &error),
     })?;
     for (axis, preference) in gateway::preferences_in(&directory, profile) {
         if let Some(model) = preference.preferred().name() {

@@ -10,7 +10,8 @@ use super::signals::Signals;
 use crate::cli::print::say;
 use crate::clock::Clock;
 use crate::discovery::bus::{LineAddress, VirtualLine};
-use crate::virtual_machine::{FaultScript, PlantSpec, Setup, VirtualMachine};
+use crate::fieldbus::explain::system;
+use crate::virtual_machine::{FaultScript, PlantSpec, Setup, VirtualMachine, VirtualMachineError};
 use isotherm_profile::{Bus, Device, FileKind, Profile, Security, safe_file};
 
 /// Serves the devices of a profile as virtual hardware. These are Modbus and OPC UA servers at the addresses of the
@@ -60,7 +61,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let setup = Setup { plant, seed: arguments.seed, faults, lived: arguments.from, ..Setup::default() };
     super::runtime::start()?.block_on(async {
         let mut signals = Signals::listen()?;
-        let mut machine = VirtualMachine::start(&profile, setup, &Clock::wall()).await?;
+        let mut machine = VirtualMachine::start(&profile, setup, &Clock::wall()).await.map_err(explained)?;
         say!("{} with {with}, seed {}", profile.name, arguments.seed)?;
         for (bus, address) in machine.addresses() {
             let devices = profile.devices.iter().filter(|device| device.bus == *bus);
@@ -96,6 +97,15 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     })
 }
 
+/// Returns the error of a virtual machine that does not start. If it cannot listen at an address, the error has cause
+/// and remedy.
+fn explained(error: VirtualMachineError) -> anyhow::Error {
+    if let VirtualMachineError::Listen { source, .. } = &error {
+        return anyhow::anyhow!("{error}: {}", system(source));
+    }
+    error.into()
+}
+
 /// Returns the name of a device for display, and its address if it has one on its bus.
 fn named(bus: &Bus, device: &Device) -> String {
     let address = match &device.can {
@@ -122,4 +132,20 @@ fn plant(path: &Path, profile: &Profile) -> anyhow::Result<Option<PlantSpec>> {
         return Ok(Some(plant));
     }
     Ok(PlantSpec::shipped(&profile.name).transpose()?)
+}
+
+#[cfg(test)]
+mod tests {
+    use std::io::{Error, ErrorKind};
+
+    use super::*;
+
+    #[test]
+    fn a_taken_address_has_cause_and_remedy() {
+        let source = Error::from(ErrorKind::AddrInUse);
+        let (bus, address) = ("cell".to_owned(), "127.0.0.1:1502".to_owned());
+        let error = explained(VirtualMachineError::Listen { bus, address, source }).to_string();
+        let expected = "cannot listen at 127.0.0.1:1502 (bus `cell`): another program has this port";
+        assert!(error.starts_with(expected) && error.contains("end that program"), "{error}");
+    }
 }

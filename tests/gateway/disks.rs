@@ -226,7 +226,7 @@ fn a_directory_that_is_deleted_while_running_is_made_again() {
 }
 
 #[test]
-fn a_recording_and_a_first_profile_on_a_full_disk_name_the_file_and_what_to_do() {
+fn new_files_on_a_full_disk_name_the_file_and_what_to_do() {
     let home = Home::new();
     let full = home.path("full");
     std::fs::create_dir(&full).unwrap();
@@ -240,12 +240,13 @@ fn a_recording_and_a_first_profile_on_a_full_disk_name_the_file_and_what_to_do()
         let ended = command.output().unwrap();
         (ended.status.code(), String::from_utf8([ended.stdout, ended.stderr].concat()).unwrap())
     };
-    let (log, new) = (full.join("day.csv"), full.join("new.toml"));
+    let (log, new, archive) = (full.join("day.csv"), full.join("new.toml"), full.join("saved.tar"));
     let record = ["record".as_ref(), home.profile.as_os_str(), "--out".as_ref(), log.as_os_str()];
     let options = ["--yes", "--output", "linuxcnc-eoffset", "--control-unit", "2"];
     let options: Vec<&std::ffi::OsStr> = options.iter().map(AsRef::as_ref).collect();
     let init = [&["init".as_ref(), new.as_os_str()], &options[..]].concat();
-    for (words, file) in [(&record[..], &log), (&init[..], &new)] {
+    let backup = ["backup".as_ref(), home.profile.as_os_str(), archive.as_os_str()];
+    for (words, file) in [(&record[..], &log), (&init[..], &new), (&backup[..], &archive)] {
         let (code, said) = on_it(words);
         let words =
             format!("{} cannot be written: the disk is full; free space on that disk", file.display());

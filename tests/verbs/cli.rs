@@ -288,6 +288,7 @@ fn a_stopped_gateway_is_at_rest_remembers_and_its_log_replays_bit_for_bit() {
     let second = ended(isotherm(home.path()).arg("run").arg(&profile).args(["--state", &state]));
     assert_eq!(second.code, Some(1));
     assert!(second.said.contains("another gateway of this machine is running"), "{}", second.said);
+    assert!(second.said.contains("end it first"), "{}", second.said);
     let off = command("disarm");
     assert!(off.code == Some(0) && off.out.contains("the registers keep their values"), "{}", off.said);
     gateway.receives("switched off by a person");

@@ -178,7 +178,7 @@ catalogue! {
     VerifyFailed = error("verify-failed").raises("output {output}").word(UNVERIFIED)
         .hint("does another client write the register, does the control accept values now, do `type` and `scale` fit \
                the register?");
-    /// A write to the register of an output was verified after failures.
+    /// The register of an output was verified after failures, or after a write that is not from the gateway.
     Verified = info("verified").ends(&["output {output}", "foreign write to {output}"]);
     /// The control applies another value than the register value.
     NotApplied = error("not-applied").raises("output {output}").word(UNVERIFIED)

@@ -124,7 +124,8 @@ pub fn open(path: &Path) -> std::io::Result<std::os::unix::net::UnixListener> {
         match presence(path) {
             Presence::Absent => {}
             Presence::Answers => {
-                let why = "another gateway of this machine is running (it answers on this socket)";
+                let why = "another gateway of this machine is running (it answers on this socket): end it first, \
+                           or replace it with `isotherm restart PROFILE --keep`";
                 return Err(refused(ErrorKind::AddrInUse, why.to_owned()));
             }
             Presence::Forbidden => {

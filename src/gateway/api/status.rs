@@ -157,12 +157,11 @@ pub(super) fn status(shared: &Shared) -> Status {
 fn ended(status: &Status) -> HashSet<String> {
     let calm = status.axes.iter().filter(|axis| !axis.warned);
     let good = status.signals.iter().filter(|signal| signal.quality == "good");
-    let verified = status.outputs.iter().filter(|output| output.state == "verified");
-    let ours = status.outputs.iter().filter(|output| output.state != "foreign");
+    let verified = || status.outputs.iter().filter(|output| output.state == "verified");
     (calm.map(|axis| format!("Cz of axis {}", axis.name)))
         .chain(good.map(|signal| format!("signal {}", signal.name)))
-        .chain(verified.map(|output| format!("output {}", output.name)))
-        .chain(ours.map(|output| format!("foreign write to {}", output.name)))
+        .chain(verified().map(|output| format!("output {}", output.name)))
+        .chain(verified().map(|output| format!("foreign write to {}", output.name)))
         .collect()
 }
 

@@ -99,6 +99,9 @@ impl OutputRegister {
                 && let Some(event) = report::event(of, output, *event, &shared.clock)
             {
                 shared.report(&event);
+                if is_foreign {
+                    self.failures.raise();
+                }
             }
             match *event {
                 output::Event::CncRestarted { .. } => has_restarted = true,
@@ -314,7 +317,7 @@ impl OutputRegister {
         let (name, at, holds) = (&output.name, &output.address, self.units.in_text(found));
         if found.abs_diff(settings.bias) > settings.limit.unsigned_abs() {
             Explained::new(
-                format!("the register of output {name} ({at}) holds {holds}, beyond its limit"),
+                format!("{name} holds an unexpected value ({at}: {holds}, beyond its limit)"),
                 "correct the value at the control, then arm the axis",
             )
         } else {
@@ -327,9 +330,7 @@ impl OutputRegister {
                 false => "correct the value at the control, then arm the axis",
             };
             Explained::new(
-                format!(
-                    "the register of output {name} ({at}) holds {holds}, which this gateway did not write"
-                ),
+                format!("{name} holds an unexpected value ({at}: {holds}, which this gateway did not write)"),
                 hint,
             )
         }

@@ -203,10 +203,7 @@ impl Arming {
                             bias => format!("zero (register value {bias})"),
                         };
                         return Attempt::Refused(Explained::new(
-                            format!(
-                                "the register of output {} holds {cz}, beyond the limit of ±{limit}",
-                                output.name
-                            ),
+                            format!("{} holds {cz}, beyond the limit of ±{limit}", output.name),
                             format!("set the register to {zero} at the CNC, or raise axis.{axis}.limit"),
                         ));
                     }

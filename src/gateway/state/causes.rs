@@ -114,10 +114,7 @@ impl CauseInputs<'_> {
             .find(|(output, state)| {
                 permit == Permit::Unverified && !has_its_reference(profile, output, state)
             })
-            .map(|(output, _)| {
-                format!("the register of output {} does not contain the reference position yet", output.name)
-                    .into()
-            });
+            .map(|(output, _)| format!("{} lacks the reference position", output.name).into());
         let troubled = troubled.or(displaced);
         if decision.tripped {
             return Explained::new(BEYOND_ERROR, WHEN_FOUND);
@@ -135,9 +132,9 @@ impl CauseInputs<'_> {
             (Permit::Off, None, None) if arming.asked.is_some() => match self.devices.unconfirmed(axis) {
                 Some((device, cause)) => {
                     let name = &profile.device(device).name;
-                    format!("the settings of device {name} have not been checked yet: {cause}").into()
+                    format!("{name} has unchecked settings: {cause}").into()
                 }
-                None => "not all devices of the axis have been read yet".into(),
+                None => "not all devices answered yet".into(),
             },
             _ => match (&decision.extrapolating, &decision.stood_in) {
                 (Some(found), _) if !decision.state.is_following() => extrapolation::cause(profile, found),
@@ -203,13 +200,13 @@ fn lacking(
     match lacks {
         Unusable::Signal(id) => bad(id),
         Unusable::Reference(id) if !has_run => Explained::new(
-            format!(
-                "the machine has not been seen running yet, and {} is measured from machine start",
-                name(id)
-            ),
+            format!("no machine start seen yet, and {} is measured from machine start", name(id)),
             RUN_IT,
         ),
-        Unusable::Reference(id) => format!("the reference of {} is not captured yet", name(id)).into(),
+        Unusable::Reference(id) => Explained::new(
+            format!("{} has no reference yet", name(id)),
+            "wait until `settle` after machine start is over; for a reference \"zero\", capture zero",
+        ),
         Unusable::Frozen(id) => Explained::new(
             format!("{} is frozen, and this model has no stand-in for it", name(id)),
             SEE_TO_THE_SENSOR,
@@ -219,9 +216,9 @@ fn lacking(
             name(id)
         )
         .into(),
-        Unusable::MachineOff => Explained::new("the machine has not been seen running yet", RUN_IT),
+        Unusable::MachineOff => Explained::new("no machine start seen yet", RUN_IT),
         Unusable::NotANumber => Explained::new(
-            "the model's result is not a number",
+            "the model gives no number",
             "check the coefficients of the model and the values of its signals",
         ),
     }
@@ -241,4 +238,27 @@ fn hint_at(output: &Output, standing: RegisterHealth) -> Option<Cow<'static, str
         RegisterHealth::Unverified => "look at the alarm of the output".into(),
         RegisterHealth::Unknown | RegisterHealth::Verified => return None,
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::gateway::store::log::sample;
+
+    #[test]
+    fn the_first_clause_of_a_cause_has_at_most_five_words() {
+        let (profile, bed) = (sample::profile(), SignalId(0));
+        let all = [
+            Unusable::Reference(bed),
+            Unusable::MachineOff,
+            Unusable::Frozen(bed),
+            Unusable::Unproven(bed),
+            Unusable::NotANumber,
+        ];
+        for (lacks, has_run) in all.into_iter().flat_map(|lacks| [(lacks, false), (lacks, true)]) {
+            let why = lacking(&profile, lacks, has_run, |_| Explained::default());
+            let clause = why.cause.split(", ").next().unwrap_or_default();
+            assert!((1..=5).contains(&clause.split_whitespace().count()), "{}", why.cause);
+        }
+    }
 }

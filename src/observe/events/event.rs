@@ -327,8 +327,11 @@ events! {
             caused(format!("heartbeat ({place} of {device}): not written"), fault.clone());
         HeartbeatWritten { device: String, place: String } =>
             plain(format!("heartbeat ({place} of {device}): written again"));
-        Verified { output: String, failures: u64 } =>
-            plain(format!("output {output}: written and verified again after {}", counted(failures, "failure")));
+        Verified { output: String, failures: u64 } => plain(if *failures == 0 {
+            format!("output {output}: verified again")
+        } else {
+            format!("output {output}: written and verified again after {}", counted(failures, "failure"))
+        });
         ForeignChange { output: String, expected: String, found: String } => caused(
             format!("output {output}"),
             format!(

@@ -6,7 +6,9 @@ use isotherm::observe::status::{Answer, Command};
 use isotherm::virtual_machine::SeenRequest;
 
 use crate::faults::law;
-use crate::faults::rig::{BENCH, LATHE, Stage, Trace, World, bench, block_on, patient, run, somebody};
+use crate::faults::rig::{
+    BENCH, LATHE, Sample, Stage, Trace, World, bench, block_on, patient, run, somebody,
+};
 
 const MINUTE: Duration = Duration::from_secs(60);
 const SECOND: Duration = Duration::from_secs(1);
@@ -131,6 +133,12 @@ fn a_foreign_change_is_left_alone_and_the_axis_is_off_until_a_person_arms_it() {
     assert_eq!(trace.states_between(80, 240), ["off", "active"], "{}", trace.lines());
     let after = values(&trace, "cnc_z", 120.0, 240.0);
     assert!((after[0] - 5.5).abs() <= 1.01 && after.last().unwrap() > &6.5, "{after:?}");
+    // The alarm lasts until the axis is armed and the register is verified.
+    let is_raised =
+        |sample: &Sample| sample.status.alarms.iter().any(|alarm| alarm.id == "foreign write to cnc_z");
+    assert!(trace.between(75, 119).all(is_raised), "{}", trace.lines());
+    assert!(!trace.between(135, 239).any(is_raised), "{}", trace.lines());
+    assert_eq!(trace.reported("verified"), 1, "{}", trace.lines());
 }
 
 #[test]
