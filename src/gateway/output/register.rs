@@ -99,14 +99,14 @@ impl OutputRegister {
                 && let Some(event) = report::event(of, output, *event, &shared.clock)
             {
                 shared.report(&event);
-                if is_foreign {
-                    self.failures.raise();
-                }
             }
             match *event {
                 output::Event::CncRestarted { .. } => has_restarted = true,
                 output::Event::ForeignValue { expected, found } => {
                     shared.core().disarm(output.axis, self.why_foreign(output, expected, found));
+                    if !has_restarted {
+                        self.failures.raise();
+                    }
                 }
                 output::Event::Late { not_after } => shared.order_lapsed(self.id, not_after),
                 output::Event::Written => shared.core().outputs[self.id.0].writes += 1,
