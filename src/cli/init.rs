@@ -11,6 +11,7 @@ use isotherm_profile::template::outlines;
 
 mod answers;
 mod ask;
+mod opcua;
 mod questions;
 mod remedies;
 mod serial_settings;

@@ -109,7 +109,7 @@ impl FromStr for LineAddress {
 }
 
 /// Registered port of OPC UA.
-const OPC_UA: u16 = 4840;
+pub(crate) const OPC_UA: u16 = 4840;
 
 /// Adds the type of line to a path of a serial port, or to a host with or without a port. Returns `None` for other
 /// texts.

@@ -2,6 +2,7 @@
 
 use std::net::Ipv4Addr;
 
+use super::opcua;
 use super::serial_settings::{Frames, SerialSettings};
 use super::value_form::ValueForm;
 use crate::discovery::bus::LineAddress;
@@ -44,6 +45,9 @@ impl Line {
         }
         if text.starts_with("modbus-ascii") && text.contains("://") {
             return Line::parse_modbus_ascii(text);
+        }
+        if let Some(place) = opcua::place(text) {
+            return Err(opcua::other_line(place));
         }
         let example = "write 192.168.0.10:502, or /dev/ttyUSB0";
         if text.contains("//") {

@@ -207,11 +207,18 @@ fn an_address_that_is_none_is_asked_for_again_with_what_is_meant() {
         ("ttyS1", "/dev/ttyS1"),
         ("192.168.0.300:502", "four numbers from 0 to 255"),
         ("192.168.0:502", "four numbers from 0 to 255"),
+        ("opc.tcp://192.168.0.10:4840/nc", "`isotherm scan --bus opc.tcp://192.168.0.10:4840/nc` prints"),
+        ("OPC.TCP://cnc", "`isotherm scan --bus opc.tcp://cnc` prints"),
+        ("opc.https://cnc:4843", "opc.tcp://cnc:4843 is an OPC UA server"),
+        ("opcua://[::1]:4840", "opc.tcp://[::1]:4840 is an OPC UA server"),
+        ("192.168.0.10:4840", "opc.tcp://192.168.0.10:4840 is an OPC UA server"),
     ] {
         let refused = Line::parse(written).unwrap_err();
         assert!(refused.contains(why), "{written}: {refused}");
     }
-    for host in ["192.168.0.10:502", "com-server-3:502", "common", "tty.example:502", "[::1]:502"] {
+    for host in
+        ["192.168.0.10:502", "com-server-3:502", "common", "tty.example:502", "[::1]:502", "opc-server:502"]
+    {
         assert!(matches!(Line::parse(host), Ok(Line::Tcp(_))), "{host}");
     }
 }
