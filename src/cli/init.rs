@@ -21,7 +21,7 @@ mod tests;
 mod text;
 mod value_form;
 
-use answers::Answers;
+use answers::{Answers, Line};
 use questions::Questions;
 
 /// Asks for machine, bus, temperature module, axis and output. From the answers it writes a profile with comments,
@@ -94,13 +94,14 @@ pub(super) struct Arguments {
     /// Limit of Cz: its largest permitted absolute value, µm
     #[arg(long, value_name = "UM")]
     limit: Option<String>,
-    /// Destination of Cz: the control's device template, or a register, for example holding:104 or 40105
-    #[arg(long, value_name = "TEMPLATE|REGISTER")]
+    /// Destination of Cz: the control's device template, or a register (holding:104, 40105), or a node of an OPC UA server
+    /// (ns=2;s=Offset.Z)
+    #[arg(long, value_name = "TEMPLATE|REGISTER|NODE")]
     output: Option<String>,
     /// Target of the control's template that receives Cz, if none has the name of the axis
     #[arg(long, value_name = "TARGET")]
     output_target: Option<String>,
-    /// Type of the offset: i16, u16, i32, u32, f32
+    /// Type of the offset: i16, u16, i32, u32, f32; of a node also i8, u8, i64, u64, f64
     #[arg(long, value_name = "TYPE")]
     output_type: Option<String>,
     /// Word order of the offset: msw-first, lsw-first
@@ -112,7 +113,7 @@ pub(super) struct Arguments {
     /// The first register of the control, if its template does not fix it
     #[arg(long, value_name = "N")]
     control_base: Option<String>,
-    /// Address of the control, if it is on another line than the module
+    /// Address of the control, if it is on another line than the module. For OPC UA: opc.tcp://192.168.0.20:4840
     #[arg(long, value_name = "ADDRESS|PORT")]
     control: Option<String>,
     /// The unit number of the control
@@ -127,7 +128,8 @@ pub(super) struct Arguments {
     /// Data bits of the control's line with Modbus ASCII: 7, 8
     #[arg(long, value_name = "BITS")]
     control_data_bits: Option<String>,
-    /// Bit of the control that is 1 while the machine is on: a channel of its template, discrete:0, holding:16.3, or none
+    /// Bit of the control that is 1 while the machine is on: a channel of its template, discrete:0, holding:16.3, a node,
+    /// or none
     #[arg(long, value_name = "BIT")]
     machine_on: Option<String>,
     /// Asks no questions and reads nothing: values that are not given as options get their defaults
@@ -146,6 +148,9 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let file = write(arguments.file.as_deref(), &answers, &mut questions)?;
     let shown = file.display().to_string();
     say!("{shown} is written.")?;
+    if matches!(answers.control, Some(Line::OpcUa(_))) {
+        say!("{}", opcua::UNSECURED)?;
+    }
     let agreed = questions.agrees(
         "Read every value once now? Nothing is written to a device",
         "The gateway connects to module and control, and shows each temperature and the offset register.",

@@ -7,6 +7,7 @@ use super::serial_settings::{Frames, SerialSettings};
 use super::value_form::ValueForm;
 use crate::discovery::bus::LineAddress;
 use crate::discovery::{Register, Table};
+use isotherm_core::codec::NodeId;
 use isotherm_profile::template::Outline;
 use isotherm_profile::{Bits, Cell, Flag, Transport, allowed};
 
@@ -25,20 +26,24 @@ pub(super) struct Answers {
     pub(super) target: Target,
     /// Line of the control, if it is not the line of the module.
     pub(super) control: Option<Line>,
-    pub(super) control_unit: u8,
+    /// Unit of the control; `None` if it is an OPC UA server.
+    pub(super) control_unit: Option<u8>,
     pub(super) machine_on: MachineOn,
 }
 
-/// Line to which the module or the control is connected: Modbus, or text from the module.
+/// Line to which the module or the control is connected: Modbus, text from the module, or nodes of the control.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) enum Line {
     Tcp(String),
     /// Frames of Modbus ASCII through a serial server.
     AsciiOverTcp(String),
     Serial(String, SerialSettings),
+    /// URL of an OPC UA server, which is the control.
+    OpcUa(String),
 }
 
 impl Line {
+    /// Parses the address of a line with registers or text.
     pub(super) fn parse(text: &str) -> Result<Line, String> {
         if text.starts_with('/') {
             return Ok(Line::Serial(text.to_owned(), SerialSettings::RTU));
@@ -102,17 +107,19 @@ impl Line {
         })
     }
 
-    /// Address of a line on the network, or path of a serial port.
+    /// Address of a line on the network, path of a serial port, or URL.
     fn place(&self) -> &str {
         match self {
-            Line::Tcp(place) | Line::AsciiOverTcp(place) | Line::Serial(place, _) => place,
+            Line::Tcp(place) | Line::AsciiOverTcp(place) | Line::Serial(place, _) | Line::OpcUa(place) => {
+                place
+            }
         }
     }
 
     /// Returns whether the line has frames of Modbus ASCII.
     pub(super) fn is_ascii(&self) -> bool {
         match self {
-            Line::Tcp(_) => false,
+            Line::Tcp(_) | Line::OpcUa(_) => false,
             Line::AsciiOverTcp(_) => true,
             Line::Serial(_, settings) => settings.frames != Frames::Rtu,
         }
@@ -164,11 +171,12 @@ pub(super) fn module(text: &str, known: &[Outline]) -> Result<Option<Outline>, S
     found.map(Some).ok_or_else(|| allowed(text, names()))
 }
 
-/// Register or template by which Cz is written.
+/// Template, register or node by which Cz is written.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) enum Target {
     Template(Box<ControlTemplate>),
     Register(u16, ValueForm),
+    Node(NodeId, ValueForm),
 }
 
 /// Template of the control, with the answers that it needs.
@@ -188,12 +196,22 @@ pub(super) struct ControlTemplate {
 pub(super) enum Destination {
     Template(Outline),
     Register(u16),
+    Node(NodeId),
 }
 
-/// Parses a template of a control, or a register in either notation.
+/// Parses a template of a control, a register in either notation, or a node.
 pub(super) fn destination(text: &str, known: &[Outline]) -> Result<Destination, String> {
     if let Some(outline) = known.iter().find(|outline| outline.name == text) {
         return Ok(Destination::Template(outline.clone()));
+    }
+    if opcua::is_node(text) {
+        return opcua::node(text).map(Destination::Node);
+    }
+    if let Some(place) = opcua::place(text) {
+        return Err(format!(
+            "opc.tcp://{place} is an OPC UA server, which is asked later: write the node of the offset, such as \
+             ns=2;s=Offset.Z"
+        ));
     }
     let looks_like_a_register = text.contains(':') || text.bytes().all(|byte| byte.is_ascii_digit());
     if looks_like_a_register {
@@ -211,7 +229,10 @@ pub(super) fn destination(text: &str, known: &[Outline]) -> Result<Destination, 
         };
     }
     let names = known.iter().map(|outline| outline.name.as_str());
-    Err(format!("{}; or write a register such as holding:104, which is 40105", allowed(text, names)))
+    Err(format!(
+        "{}; or write a register such as holding:104, which is 40105, or a node such as ns=2;s=Offset.Z",
+        allowed(text, names)
+    ))
 }
 
 /// Parses the register of the first temperature, in either notation, or a part of it.
@@ -235,6 +256,13 @@ pub(super) enum MachineOn {
     Channel(String),
     /// Coil, discrete input, or bit of a register of the control.
     Bit(Flag),
+    /// Boolean node of the control.
+    Node(NodeId),
+}
+
+/// Parses the node that is true while the machine is on.
+pub(super) fn machine_on_node(text: &str) -> Result<MachineOn, String> {
+    if text == "none" { Ok(MachineOn::Unknown) } else { opcua::node(text).map(MachineOn::Node) }
 }
 
 /// Parses the signal that is set while the machine is on. `channels` are the bits of the control's template.
@@ -303,7 +331,7 @@ pub(super) fn signals(text: &str, most: usize) -> Result<Vec<String>, String> {
 /// them.
 pub(super) fn unit(text: &str, line: &Line) -> Result<u8, String> {
     let allowed = match line {
-        Line::Tcp(_) => 0..=255,
+        Line::Tcp(_) | Line::OpcUa(_) => 0..=255,
         Line::AsciiOverTcp(_) | Line::Serial(..) => 1..=247,
     };
     let unit = text.parse::<u8>().ok().filter(|unit| allowed.contains(unit));

@@ -4,6 +4,7 @@ use super::Arguments;
 use super::answers::{
     self, Answers, ControlTemplate, Destination, Line, MachineOn, Module, ModuleTemplate, Target,
 };
+use super::opcua;
 use super::questions::{Question, Questions, yes_or_no};
 use super::serial_settings::{FindSettings, Frames, SerialSettings, extent};
 use super::value_form::{self, ValueForm};
@@ -11,6 +12,8 @@ use crate::discovery::bus::{Parity, baud};
 use crate::discovery::{DataType, Register, Table};
 use isotherm_profile::template::{Outline, OutlineTarget};
 use isotherm_profile::{Bits, Cell, duration_text};
+
+mod nodes;
 
 /// Most temperatures of a module without a template.
 const MOST_SIGNALS: usize = 32;
@@ -78,8 +81,13 @@ pub(super) fn ask(
         answers::limit,
     )?;
     let (target, bits) = asking.target(known, &axis)?;
-    let (control, control_unit) = asking.control(&line, module.sends_text(), unit)?;
-    let machine_on = asking.machine_on(&bits)?;
+    let (control, control_unit, machine_on) = match target {
+        Target::Node(..) => (Some(asking.server()?), None, asking.machine_on_node()?),
+        Target::Template(_) | Target::Register(..) => {
+            let (control, unit) = asking.control(&line, module.sends_text(), unit)?;
+            (control, Some(unit), asking.machine_on(&bits)?)
+        }
+    };
     Ok(Answers {
         machine,
         line,
@@ -283,17 +291,19 @@ impl Asking<'_, '_> {
             .cloned()
             .collect();
         if self.arguments.output.is_none() && !self.arguments.yes {
-            self.questions
-                .show("Known controls, by their templates; for any other control, give its register:")?;
+            self.questions.show(
+                "Known controls, by their templates; for any other control, give its register or node:",
+            )?;
             for Outline { name, title, targets, .. } in &controls {
                 let targets: Vec<&str> = targets.iter().map(|target| target.name.as_str()).collect();
                 self.questions.show(&format!("  {name:<26} {title} ({})", targets.join(", ")))?;
             }
         }
         let destination = self.text(
-            ("output", "Destination of Cz: template of the control, or its register", None),
+            ("output", "Destination of Cz: template of the control, or its register, or its node", None),
             "A register of the control, zero-based as holding:104 or one-based as 40105. The control adds its value to the \
-             position.",
+             position. For an OPC UA server, write a node, as ns=2;s=Offset.Z or nsu=http://plc.example;s=Offset.Z. \
+             `isotherm read --bus opc.tcp://192.168.0.20:4840 --browse` shows the nodes.",
             self.arguments.output.as_deref(),
             |text| answers::destination(text, &controls),
         )?;
@@ -309,6 +319,7 @@ impl Asking<'_, '_> {
                 let form = self.form(&OF_OFFSET, (&NOTHING_KNOWN, first), given)?;
                 return Ok((Target::Register(register, form), Vec::new()));
             }
+            Destination::Node(node) => return Ok((Target::Node(node, self.node_form()?), Vec::new())),
             Destination::Template(outline) => outline,
         };
         let target = self.target_of(&outline, axis)?;
@@ -360,6 +371,9 @@ impl Asking<'_, '_> {
     ) -> anyhow::Result<(Option<Line>, u8)> {
         let usual = if is_of_text { "192.168.0.20:502" } else { "same" };
         let other_line = |text: &str| {
+            if let Some(place) = opcua::place(text) {
+                return Err(opcua::has_no_registers(place));
+            }
             let line = if text == "same" { None } else { Some(Line::parse(text)?) };
             // A line has one bus, also if its address is written a second time.
             match line {
@@ -433,7 +447,7 @@ impl Asking<'_, '_> {
     ) -> anyhow::Result<Line> {
         let (port, mut usual) = match line {
             Line::Serial(port, usual) => (port, usual),
-            tcp @ (Line::Tcp(_) | Line::AsciiOverTcp(_)) => return Ok(tcp),
+            other @ (Line::Tcp(_) | Line::AsciiOverTcp(_) | Line::OpcUa(_)) => return Ok(other),
         };
         if given.iter().all(Option::is_none) && !sends_text {
             usual = self.tried(&port, usual, unit)?.unwrap_or(usual);

@@ -1,7 +1,15 @@
-//! OPC UA servers in the answers.
+//! OPC UA servers and their nodes in the answers.
 
 use crate::discovery::bus::OPC_UA;
-use isotherm_profile::host_and_port;
+use isotherm_core::codec::NodeId;
+use isotherm_profile::{host_and_port, server_url};
+
+const NOT_BUILT_IN: &str = "this program was built without OPC UA: use a packaged program, or build one with `cargo build \
+                            --release --features opcua`";
+
+/// Sentence for a profile without security, after it is written.
+pub(super) const UNSECURED: &str =
+    "The line to the control has security = \"none\": its table in the profile shows how to secure it.";
 
 /// Returns host, port and path of the address of an OPC UA server, with any scheme of OPC UA. A host with the registered
 /// port of OPC UA is a server too. `None` if the answer is another address.
@@ -18,4 +26,43 @@ pub(super) fn other_line(place: &str) -> String {
         "opc.tcp://{place} is an OPC UA server: `isotherm scan --bus opc.tcp://{place}` prints its lines of a profile, \
          and the chapter on OPC UA has an example. As an answer, write 192.168.0.10:502, or /dev/ttyUSB0"
     )
+}
+
+/// Returns what to do with the address of a server, if the destination of Cz is a register.
+pub(super) fn has_no_registers(place: &str) -> String {
+    if !cfg!(feature = "opcua") {
+        return NOT_BUILT_IN.to_owned();
+    }
+    format!(
+        "opc.tcp://{place} is an OPC UA server, which has no registers: begin again, and write a node such as \
+         ns=2;s=Offset.Z as the destination of Cz"
+    )
+}
+
+/// Parses the address of the server, and returns its URL.
+pub(super) fn server(text: &str) -> Result<String, String> {
+    let Some(place) = place(text) else {
+        return Err(
+            "the destination of Cz is a node of an OPC UA server: write the address of the server, such as \
+                    opc.tcp://192.168.0.20:4840"
+                .to_owned(),
+        );
+    };
+    let is_binary =
+        |scheme: &str| ["opc.tcp", "opcua"].iter().any(|known| scheme.eq_ignore_ascii_case(known));
+    let url = match text.split_once("://") {
+        Some((scheme, _)) if !is_binary(scheme) => text.to_owned(),
+        _ => format!("opc.tcp://{place}"),
+    };
+    server_url(&url).map_err(|(why, help)| format!("{why}; {help}"))
+}
+
+/// Returns whether an answer is meant as a node. Registers and names of templates have no such character.
+pub(super) fn is_node(text: &str) -> bool {
+    text.contains('=')
+}
+
+/// Parses a node of the server.
+pub(super) fn node(text: &str) -> Result<NodeId, String> {
+    if cfg!(feature = "opcua") { text.parse() } else { Err(NOT_BUILT_IN.to_owned()) }
 }

@@ -9,6 +9,8 @@ use crate::virtual_machine::{Ports, Setup, UnknownUnit, VirtualMachine};
 use isotherm_profile::template::Outline;
 use isotherm_profile::{Writes, preview};
 
+mod nodes;
+
 /// Input for the questions: Enter for each question up to the destination of Cz; then a register with type, word order
 /// and scale; then mostly Enter.
 const USUAL: &str = "\n\n\n\n\n\n\n\n\n\n40105\ni32\nmsw-first\n0.1\n\n2\n\n";
@@ -469,7 +471,7 @@ fn a_control_at_the_address_of_the_module_is_on_its_line() {
     let lines = USUAL.replacen("0.1\n\n", "0.1\n192.168.0.10\n", 1);
     let (answers, shown) = answered(&lines);
     let answers = answers.unwrap_or_else(|error| panic!("{error}\n{shown}"));
-    assert_eq!((&answers.control, answers.control_unit), (&None, 2));
+    assert_eq!((&answers.control, answers.control_unit), (&None, Some(2)));
     assert_eq!(taken(&answers).buses.len(), 1);
     let options =
         ["--yes", "--bus", "/dev/ttyUSB0", "--output", "linuxcnc-eoffset", "--control", "/dev/ttyUSB0"];

@@ -1,11 +1,23 @@
 //! Text of the first profile.
 
-use std::fmt::Write;
+use std::fmt::{Display, Write};
 
 use super::answers::{Answers, Line, MachineOn, Module, Target};
 use super::serial_settings::{Frames, SerialSettings};
+use super::value_form::ValueForm;
 use crate::discovery::Register;
 use isotherm_profile::{Bits, Cell};
+
+/// Keys of the line of an OPC UA server after its address. The comments show how to secure it.
+const OF_SERVER: &str = r#"security = "none"                    # only if the network connects nothing but this machine
+# Use "sign-and-encrypt" if the server supports it: `isotherm scan --bus ADDRESS` shows that, and prints such lines.
+# security = "sign-and-encrypt"
+# cert     = "own.der"               # `isotherm opcua certificate` with this profile makes cert and key
+# key      = "own.pem"
+# trusted  = "trusted"               # `isotherm opcua trust` stores the certificate of the server here
+# user     = { name = "isotherm", password_file = "opcua.password" }   # if the server requires a user
+timeout  = "500ms"                   # shorter than every `every` below
+"#;
 
 /// Returns the text of a profile with comments, which `check` accepts.
 pub(super) fn profile(answers: &Answers) -> String {
@@ -77,7 +89,8 @@ fn line(text: &mut String, name: &str, line: &Line, sends_text: bool) -> std::fm
         _ if sends_text => "serial-ascii",
         line if line.is_ascii() => "modbus-ascii",
         Line::Serial(..) => "modbus-rtu",
-        _ => "modbus-tcp",
+        Line::OpcUa(_) => "opcua",
+        Line::Tcp(_) | Line::AsciiOverTcp(_) => "modbus-tcp",
     };
     writeln!(text, "[bus.{name}]\ntype    = \"{kind}\"")?;
     match line {
@@ -95,6 +108,7 @@ fn line(text: &mut String, name: &str, line: &Line, sends_text: bool) -> std::fm
                 Frames::Rtu => {}
             }
         }
+        Line::OpcUa(url) => return writeln!(text, "address = {}\n{OF_SERVER}", quoted(url)),
     }
     writeln!(text, "timeout = \"300ms\"                   # shorter than every `every` below\n")
 }
@@ -168,11 +182,14 @@ fn module(text: &mut String, answers: &Answers) -> std::fmt::Result {
 
 fn control(text: &mut String, answers: &Answers) -> std::fmt::Result {
     let bus = if answers.control.is_some() { "control" } else { "cell" };
-    writeln!(
-        text,
-        "[device.cnc]                         # the control\nbus   = \"{bus}\"\nunit  = {}\nevery = \"1s\"",
-        answers.control_unit
-    )?;
+    writeln!(text, "[device.cnc]                         # the control\nbus   = \"{bus}\"\nevery = \"1s\"")?;
+    match answers.control_unit {
+        Some(unit) => writeln!(text, "unit  = {unit}")?,
+        None => writeln!(
+            text,
+            "# source_time = \"changed\"            # if the server stamps changes, so that constant values look old"
+        )?,
+    }
     if let Target::Template(template) = &answers.target {
         writeln!(text, "template = \"{}\"", template.outline.name)?;
         if let Some(base) = template.base {
@@ -187,6 +204,7 @@ fn machine_on(text: &mut String, signal: &MachineOn) -> std::fmt::Result {
         MachineOn::Unknown => return Ok(()),
         MachineOn::Channel(channel) => format!("channel  = \"{channel}\""),
         MachineOn::Bit(bit) => format!("register = \"{bit}\""),
+        MachineOn::Node(node) => format!("node     = {}\ntype     = \"bool\"", quoted(node)),
     };
     writeln!(
         text,
@@ -217,11 +235,16 @@ fn output(text: &mut String, answers: &Answers) -> std::fmt::Result {
             if let Some(order) = form.word_order {
                 writeln!(text, "word_order = \"{order}\"")?;
             }
+            offset_scale(text, form)?;
+        }
+        Target::Node(node, form) => {
             writeln!(
                 text,
-                "scale    = {:?}                      # µm per count; negative if the control subtracts it",
-                form.scale
+                "writes   = \"offset\"\nnode     = {}\ntype     = \"{}\"                    # the node's own type",
+                quoted(node),
+                form.data_type.name()
             )?;
+            offset_scale(text, form)?;
         }
     }
     writeln!(text, "verify   = \"read-back\"\n")?;
@@ -232,4 +255,17 @@ fn output(text: &mut String, answers: &Answers) -> std::fmt::Result {
         ),
         _ => Ok(()),
     }
+}
+
+fn offset_scale(text: &mut String, form: &ValueForm) -> std::fmt::Result {
+    writeln!(
+        text,
+        "scale    = {:?}                      # µm per count; negative if the control subtracts it",
+        form.scale
+    )
+}
+
+/// Returns a text as a string of a profile. Names of nodes may contain quotes.
+fn quoted(text: &impl Display) -> toml::Value {
+    toml::Value::String(text.to_string())
 }

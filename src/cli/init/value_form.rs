@@ -1,4 +1,4 @@
-//! Form of a value in registers: type, order of the registers, and scale.
+//! Form of a value in registers or in a node: type, order of the registers, and scale.
 
 use crate::discovery::{DataType, WordOrder};
 use isotherm_profile::{Bits, Cell, allowed};
@@ -6,13 +6,27 @@ use isotherm_profile::{Bits, Cell, allowed};
 /// Types of a temperature or an offset that the questions offer. A profile knows more types.
 const TYPES: [DataType; 5] = [DataType::I16, DataType::U16, DataType::I32, DataType::U32, DataType::F32];
 
-/// Form of a value in registers.
+/// Types of a node that can hold an offset.
+const TYPES_OF_NODES: [DataType; 10] = [
+    DataType::Signed(8),
+    DataType::Unsigned(8),
+    DataType::I16,
+    DataType::U16,
+    DataType::I32,
+    DataType::U32,
+    DataType::I64,
+    DataType::U64,
+    DataType::F32,
+    DataType::F64,
+];
+
+/// Form of a value in registers or in a node.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct ValueForm {
     pub(super) data_type: DataType,
-    /// Order of the registers; `None` for a value of one register.
+    /// Order of the registers; `None` for a value of one register or of a node.
     pub(super) word_order: Option<WordOrder>,
-    /// Value of one count of the register, in the unit of the value.
+    /// Value of one count of the register or node, in the unit of the value.
     pub(super) scale: f64,
     /// Register of the device with the power of ten of the scale; `None` if the scale is fixed.
     pub(super) scale_from: Option<Cell>,
@@ -42,6 +56,12 @@ pub(super) fn data_type(text: &str, first: Option<Cell>) -> Result<DataType, Str
         }
         _ => Ok(found),
     }
+}
+
+/// Parses the type of a node that holds an offset.
+pub(super) fn node_type(text: &str) -> Result<DataType, String> {
+    let found = TYPES_OF_NODES.into_iter().find(|known| known.name() == text);
+    found.ok_or_else(|| allowed(text, TYPES_OF_NODES.map(DataType::name)))
 }
 
 pub(super) fn word_order(text: &str) -> Result<WordOrder, String> {
