@@ -46,7 +46,7 @@ pub(super) struct Arguments {
     #[arg(long, value_name = "NAME")]
     machine: Option<String>,
     /// Address of the temperature module: 192.168.0.10:502, or a serial port: /dev/ttyUSB0. For Modbus ASCII:
-    /// modbus-ascii:///dev/ttyUSB0, modbus-ascii+tcp://192.168.0.10:4001
+    /// modbus-ascii:///dev/ttyUSB0, modbus-ascii+tcp://192.168.0.10:4001. For OPC UA: opc.tcp://192.168.0.10:4840
     #[arg(long, value_name = "ADDRESS|PORT")]
     bus: Option<String>,
     /// Baud rate of the module's serial line
@@ -82,6 +82,12 @@ pub(super) struct Arguments {
     /// Degrees Celsius per count of the temperatures, or the register of the module with the power of ten: holding:12
     #[arg(long, value_name = "DEGREES", allow_hyphen_values = true)]
     scale: Option<String>,
+    /// Node of a temperature at an OPC UA server, once for each name: ns=2;s=Temps
+    #[arg(long = "node", value_name = "NODE")]
+    nodes: Vec<String>,
+    /// Index in the array of a temperature's node, once for each name: 2, or 1,2, or none
+    #[arg(long = "element", value_name = "INDEX")]
+    elements: Vec<String>,
     /// Names of the measured temperatures, in the order of the module's channels
     #[arg(long, value_name = "NAMES")]
     signals: Option<String>,
@@ -148,7 +154,8 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let file = write(arguments.file.as_deref(), &answers, &mut questions)?;
     let shown = file.display().to_string();
     say!("{shown} is written.")?;
-    if matches!(answers.control, Some(Line::OpcUa(_))) {
+    let mut lines = std::iter::once(&answers.line).chain(&answers.control);
+    if lines.any(|line| matches!(line, Line::OpcUa(_))) {
         say!("{}", opcua::UNSECURED)?;
     }
     let agreed = questions.agrees(

@@ -7,7 +7,7 @@ use super::serial_settings::{Frames, SerialSettings};
 use super::value_form::ValueForm;
 use crate::discovery::bus::LineAddress;
 use crate::discovery::{Register, Table};
-use isotherm_core::codec::NodeId;
+use isotherm_core::codec::{Element, NodeId};
 use isotherm_profile::template::Outline;
 use isotherm_profile::{Bits, Cell, Flag, Transport, allowed};
 
@@ -17,7 +17,8 @@ pub(super) struct Answers {
     pub(super) machine: String,
     pub(super) line: Line,
     pub(super) module: Module,
-    pub(super) unit: u8,
+    /// Unit of the module; `None` if it is an OPC UA server.
+    pub(super) unit: Option<u8>,
     pub(super) signals: Vec<String>,
     pub(super) axis: String,
     /// Whether the position of the axis is a diameter, as that of X of a lathe.
@@ -31,19 +32,18 @@ pub(super) struct Answers {
     pub(super) machine_on: MachineOn,
 }
 
-/// Line to which the module or the control is connected: Modbus, text from the module, or nodes of the control.
+/// Line to which the module or the control is connected: Modbus, text from the module, or OPC UA.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) enum Line {
     Tcp(String),
     /// Frames of Modbus ASCII through a serial server.
     AsciiOverTcp(String),
     Serial(String, SerialSettings),
-    /// URL of an OPC UA server, which is the control.
+    /// URL of an OPC UA server.
     OpcUa(String),
 }
 
 impl Line {
-    /// Parses the address of a line with registers or text.
     pub(super) fn parse(text: &str) -> Result<Line, String> {
         if text.starts_with('/') {
             return Ok(Line::Serial(text.to_owned(), SerialSettings::RTU));
@@ -51,8 +51,8 @@ impl Line {
         if text.starts_with("modbus-ascii") && text.contains("://") {
             return Line::parse_modbus_ascii(text);
         }
-        if let Some(place) = opcua::place(text) {
-            return Err(opcua::other_line(place));
+        if let Some(url) = opcua::url(text) {
+            return url.map(Line::OpcUa);
         }
         let example = "write 192.168.0.10:502, or /dev/ttyUSB0";
         if text.contains("//") {
@@ -137,6 +137,16 @@ pub(super) enum Module {
     Template(Box<ModuleTemplate>),
     /// Module without a template: the register of the first temperature, and the form of each.
     SpelledOut(Cell, ValueForm),
+    /// OPC UA server: the node of each temperature, and the degrees Celsius of one count.
+    Nodes(Vec<TemperatureNode>, f64),
+}
+
+/// Node with a temperature.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(super) struct TemperatureNode {
+    pub(super) node: NodeId,
+    /// Element of the node's array; `None` if the node has a single value.
+    pub(super) element: Option<Element>,
 }
 
 /// Template of the module, with the answers that it needs.

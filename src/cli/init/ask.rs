@@ -39,34 +39,22 @@ pub(super) fn ask(
         ("bus", "Address or serial port of the temperature module", Some("192.168.0.10:502")),
         "On a network: address and port, such as 192.168.0.10:502. On a serial line: a port such as /dev/ttyUSB0; a name \
          below /dev/serial/by-id stays the same after a restart. For Modbus ASCII: modbus-ascii:///dev/ttyUSB0, or \
-         modbus-ascii+tcp://192.168.0.10:4001 through a serial server.",
+         modbus-ascii+tcp://192.168.0.10:4001 through a serial server. For OPC UA: opc.tcp://192.168.0.10:4840.",
         arguments.bus.as_deref(),
         Line::parse,
     )?;
-    let (outline, variant, base) = asking.module(known)?;
-    let unit = asking.unit(
-        ("unit", "Unit number of the module", Some("1")),
-        "The Modbus unit, often set by switches on the module; `isotherm scan` finds it.",
-        arguments.unit.as_deref(),
-        &line,
-    )?;
-    let sends_text = outline.as_ref().is_some_and(|outline| outline.sends_text);
-    let given = [&arguments.baud, &arguments.parity, &arguments.data_bits];
-    let options = ["baud", "parity", "data-bits"];
-    let line = asking.settled(line, (unit, sends_text), options, given.map(Option::as_deref))?;
-    let module = asking.channels(outline, variant, base)?;
-    let most = module.template().map_or(MOST_SIGNALS, |template| template.outline.temperatures.len());
-    let signals = asking.text(
-        (
-            "signals",
-            &format!("Names of the temperatures, in the order of the channels, at most {most}"),
-            Some(if most > 1 { "bed,column" } else { "bed" }),
-        ),
-        "A name for each sensor that is connected, such as bed,column,spindle, from the first channel on. Letters, digits \
-         and underscores.",
-        arguments.signals.as_deref(),
-        |text| answers::signals(text, most),
-    )?;
+    let (line, unit, module, signals) = match line {
+        Line::OpcUa(_) => {
+            let signals = asking.signals(MOST_SIGNALS)?;
+            let module = asking.nodes(&signals)?;
+            (line, None, module, signals)
+        }
+        _ => {
+            let (line, unit, module) = asking.registers(line, known)?;
+            let most = module.template().map_or(MOST_SIGNALS, |template| template.outline.temperatures.len());
+            (line, Some(unit), module, asking.signals(most)?)
+        }
+    };
     let axis = asking.text(
         ("axis", "The axis to compensate", Some("z")),
         "The axis as the control names it. Further axes are added to the profile later.",
@@ -82,9 +70,10 @@ pub(super) fn ask(
     )?;
     let (target, bits) = asking.target(known, &axis)?;
     let (control, control_unit, machine_on) = match target {
-        Target::Node(..) => (Some(asking.server()?), None, asking.machine_on_node()?),
+        Target::Node(..) => (asking.server(&line)?, None, asking.machine_on_node()?),
         Target::Template(_) | Target::Register(..) => {
-            let (control, unit) = asking.control(&line, module.sends_text(), unit)?;
+            let has_registers = unit.is_some() && !module.sends_text();
+            let (control, unit) = asking.control(&line, has_registers, unit)?;
             (control, Some(unit), asking.machine_on(&bits)?)
         }
     };
@@ -130,6 +119,37 @@ impl Asking<'_, '_> {
         line: &Line,
     ) -> anyhow::Result<u8> {
         self.text(question, help, given, |text| answers::unit(text, line))
+    }
+
+    /// Asks for template, unit and line settings of a module with registers or text.
+    fn registers(&mut self, line: Line, known: &[Outline]) -> anyhow::Result<(Line, u8, Module)> {
+        let (outline, variant, base) = self.module(known)?;
+        let unit = self.unit(
+            ("unit", "Unit number of the module", Some("1")),
+            "The Modbus unit, often set by switches on the module; `isotherm scan` finds it.",
+            self.arguments.unit.as_deref(),
+            &line,
+        )?;
+        let sends_text = outline.as_ref().is_some_and(|outline| outline.sends_text);
+        let given = [&self.arguments.baud, &self.arguments.parity, &self.arguments.data_bits];
+        let options = ["baud", "parity", "data-bits"];
+        let line = self.settled(line, (unit, sends_text), options, given.map(Option::as_deref))?;
+        let module = self.channels(outline, variant, base)?;
+        Ok((line, unit, module))
+    }
+
+    fn signals(&mut self, most: usize) -> anyhow::Result<Vec<String>> {
+        self.text(
+            (
+                "signals",
+                &format!("Names of the temperatures, in the order of the channels, at most {most}"),
+                Some(if most > 1 { "bed,column" } else { "bed" }),
+            ),
+            "A name for each sensor that is connected, such as bed,column,spindle, from the first channel on. Letters, \
+             digits and underscores.",
+            self.arguments.signals.as_deref(),
+            |text| answers::signals(text, most),
+        )
     }
 
     /// Asks for the template of the module, its variant and its first register.
@@ -362,14 +382,15 @@ impl Asking<'_, '_> {
         )
     }
 
-    /// Asks for the line and the unit of the control. The line is `None` if it is that of the module.
+    /// Asks for the line and the unit of the control. The line is `None` if it is that of the module, which must have
+    /// registers.
     fn control(
         &mut self,
         module: &Line,
-        is_of_text: bool,
-        module_unit: u8,
+        has_registers: bool,
+        module_unit: Option<u8>,
     ) -> anyhow::Result<(Option<Line>, u8)> {
-        let usual = if is_of_text { "192.168.0.20:502" } else { "same" };
+        let usual = if has_registers { "same" } else { "192.168.0.20:502" };
         let other_line = |text: &str| {
             if let Some(place) = opcua::place(text) {
                 return Err(opcua::has_no_registers(place));
@@ -378,8 +399,8 @@ impl Asking<'_, '_> {
             // A line has one bus, also if its address is written a second time.
             match line {
                 Some(line) if !line.is_same(module) => Ok(Some(line)),
-                _ if is_of_text => Err(
-                    "the module sends text, so the control needs another line: write 192.168.0.20:502, or \
+                _ if !has_registers => Err(
+                    "the module has no registers, so the control needs another line: write 192.168.0.20:502, or \
                          /dev/ttyUSB1"
                         .to_owned(),
                 ),
@@ -407,7 +428,7 @@ impl Asking<'_, '_> {
             control.as_ref().unwrap_or(module),
         )?;
         let Some(line) = control else {
-            if unit == module_unit {
+            if Some(unit) == module_unit {
                 self.questions.show(&format!(
                     "module and control are both unit {unit} of one line: this works only if they are one device"
                 ))?;

@@ -1,15 +1,18 @@
 //! OPC UA servers and their nodes in the answers.
 
 use crate::discovery::bus::OPC_UA;
-use isotherm_core::codec::NodeId;
+use isotherm_core::codec::{Element, NodeId};
 use isotherm_profile::{host_and_port, server_url};
 
 const NOT_BUILT_IN: &str = "this program was built without OPC UA: use a packaged program, or build one with `cargo build \
                             --release --features opcua`";
 
+const NOT_A_SERVER: &str = "the destination of Cz is a node of an OPC UA server: write the address of the server, such as \
+                            opc.tcp://192.168.0.20:4840";
+
 /// Sentence for a profile without security, after it is written.
 pub(super) const UNSECURED: &str =
-    "The line to the control has security = \"none\": its table in the profile shows how to secure it.";
+    "A line over OPC UA has security = \"none\": its table in the profile shows how to secure it.";
 
 /// Returns host, port and path of the address of an OPC UA server, with any scheme of OPC UA. A host with the registered
 /// port of OPC UA is a server too. `None` if the answer is another address.
@@ -18,14 +21,6 @@ pub(super) fn place(text: &str) -> Option<&str> {
         Some((scheme, place)) => scheme.to_ascii_lowercase().starts_with("opc").then_some(place),
         None => host_and_port(text).is_ok_and(|(_, port)| port == Some(OPC_UA)).then_some(text),
     }
-}
-
-/// Returns what to do with a server at `place`, if an answer must be the address of another line.
-pub(super) fn other_line(place: &str) -> String {
-    format!(
-        "opc.tcp://{place} is an OPC UA server: `isotherm scan --bus opc.tcp://{place}` prints its lines of a profile, \
-         and the chapter on OPC UA has an example. As an answer, write 192.168.0.10:502, or /dev/ttyUSB0"
-    )
 }
 
 /// Returns what to do with the address of a server, if the destination of Cz is a register.
@@ -39,22 +34,24 @@ pub(super) fn has_no_registers(place: &str) -> String {
     )
 }
 
-/// Parses the address of the server, and returns its URL.
+/// Parses the address of the control's server, and returns its URL.
 pub(super) fn server(text: &str) -> Result<String, String> {
-    let Some(place) = place(text) else {
-        return Err(
-            "the destination of Cz is a node of an OPC UA server: write the address of the server, such as \
-                    opc.tcp://192.168.0.20:4840"
-                .to_owned(),
-        );
-    };
+    url(text).unwrap_or_else(|| Err(NOT_A_SERVER.to_owned()))
+}
+
+/// Parses the address of a server, and returns its URL. `None` if the answer is another address.
+pub(super) fn url(text: &str) -> Option<Result<String, String>> {
+    let place = place(text)?;
+    if !cfg!(feature = "opcua") {
+        return Some(Err(NOT_BUILT_IN.to_owned()));
+    }
     let is_binary =
         |scheme: &str| ["opc.tcp", "opcua"].iter().any(|known| scheme.eq_ignore_ascii_case(known));
     let url = match text.split_once("://") {
         Some((scheme, _)) if !is_binary(scheme) => text.to_owned(),
         _ => format!("opc.tcp://{place}"),
     };
-    server_url(&url).map_err(|(why, help)| format!("{why}; {help}"))
+    Some(server_url(&url).map_err(|(why, help)| format!("{why}; {help}")))
 }
 
 /// Returns whether an answer is meant as a node. Registers and names of templates have no such character.
@@ -65,4 +62,14 @@ pub(super) fn is_node(text: &str) -> bool {
 /// Parses a node of the server.
 pub(super) fn node(text: &str) -> Result<NodeId, String> {
     if cfg!(feature = "opcua") { text.parse() } else { Err(NOT_BUILT_IN.to_owned()) }
+}
+
+/// Parses an element of an array; `None` for the answer `none`.
+pub(super) fn element(text: &str) -> Result<Option<Element>, String> {
+    if text == "none" {
+        return Ok(None);
+    }
+    let indices: Option<Vec<u32>> = text.split(',').map(|index| index.trim().parse().ok()).collect();
+    let help = "write an index from 0, such as 2, or 1,2 for an array of two dimensions, or none";
+    indices.and_then(Element::new).map(Some).ok_or_else(|| help.to_owned())
 }

@@ -2,10 +2,11 @@
 
 use std::fmt::{Display, Write};
 
-use super::answers::{Answers, Line, MachineOn, Module, Target};
+use super::answers::{Answers, Line, MachineOn, Module, Target, TemperatureNode};
 use super::serial_settings::{Frames, SerialSettings};
 use super::value_form::ValueForm;
 use crate::discovery::Register;
+use isotherm_core::codec::Element;
 use isotherm_profile::{Bits, Cell};
 
 /// Keys of the line of an OPC UA server after its address. The comments show how to secure it.
@@ -116,10 +117,10 @@ fn line(text: &mut String, name: &str, line: &Line, sends_text: bool) -> std::fm
 fn module(text: &mut String, answers: &Answers) -> std::fmt::Result {
     writeln!(
         text,
-        "[device.module]                      # the temperature module\nbus   = \"cell\"\nunit  = {}\nevery = \"1s\"                        # how \
-         often it is read",
-        answers.unit
+        "[device.module]                      # the temperature module\nbus   = \"cell\"\n\
+         every = \"1s\"                        # how often it is read"
     )?;
+    unit(text, answers.unit)?;
     if let Some(template) = answers.module.template() {
         writeln!(text, "template = \"{}\"   # {}", template.outline.name, template.outline.title)?;
         if let Some(variant) = &template.variant {
@@ -142,6 +143,12 @@ fn module(text: &mut String, answers: &Answers) -> std::fmt::Result {
                 for (key, value) in &template.keys {
                     writeln!(text, "{key:<8} = {value}   # compare with a thermometer")?;
                 }
+            }
+            Module::Nodes(nodes, scale) => {
+                if let Some(found) = nodes.get(place) {
+                    node(text, found)?;
+                }
+                writeln!(text, "scale    = {scale:?}                      # °C per count")?;
             }
             Module::SpelledOut(first, form) => {
                 let width = usize::from(form.data_type.registers());
@@ -180,16 +187,34 @@ fn module(text: &mut String, answers: &Answers) -> std::fmt::Result {
     writeln!(text)
 }
 
-fn control(text: &mut String, answers: &Answers) -> std::fmt::Result {
-    let bus = if answers.control.is_some() { "control" } else { "cell" };
-    writeln!(text, "[device.cnc]                         # the control\nbus   = \"{bus}\"\nevery = \"1s\"")?;
-    match answers.control_unit {
-        Some(unit) => writeln!(text, "unit  = {unit}")?,
+fn node(text: &mut String, TemperatureNode { node, element }: &TemperatureNode) -> std::fmt::Result {
+    writeln!(text, "node     = {}", quoted(node))?;
+    match element.as_ref().map(Element::indices) {
+        None => Ok(()),
+        Some([index]) => {
+            writeln!(text, "element  = {index}                        # index in the array, from 0")
+        }
+        Some(indices) => {
+            writeln!(text, "element  = {indices:?}                   # indices in the array, from 0")
+        }
+    }
+}
+
+/// Writes the unit of a device. `None`: the device is an OPC UA server.
+fn unit(text: &mut String, unit: Option<u8>) -> std::fmt::Result {
+    match unit {
+        Some(unit) => writeln!(text, "unit  = {unit}"),
         None => writeln!(
             text,
             "# source_time = \"changed\"            # if the server stamps changes, so that constant values look old"
-        )?,
+        ),
     }
+}
+
+fn control(text: &mut String, answers: &Answers) -> std::fmt::Result {
+    let bus = if answers.control.is_some() { "control" } else { "cell" };
+    writeln!(text, "[device.cnc]                         # the control\nbus   = \"{bus}\"\nevery = \"1s\"")?;
+    unit(text, answers.control_unit)?;
     if let Target::Template(template) = &answers.target {
         writeln!(text, "template = \"{}\"", template.outline.name)?;
         if let Some(base) = template.base {

@@ -1,4 +1,4 @@
-//! Controls over OPC UA.
+//! Temperatures and controls over OPC UA.
 
 use super::*;
 
@@ -7,6 +7,11 @@ use super::*;
 #[cfg(feature = "opcua")]
 const NODES: &str =
     "\n\n\n\n\n\n\n\n\n\nns=2;s=Offset.Z\nf64\n1000\nopc.tcp://192.168.0.20:4840/nc\nns=2;s=On\n";
+
+/// Temperatures from the nodes of a server: two elements of arrays. The control is the same server.
+#[cfg(feature = "opcua")]
+const ONE_SERVER: &str = "\nOPC.TCP://192.168.0.10\n\nns=2;s=Temps\n2\nnsu=urn:plc;i=7\nx\n1, 2\n\n\n\nns=2;s=Offset.Z\ni32\n\
+                          0.1\nsame\n\n";
 
 #[cfg(feature = "opcua")]
 #[track_caller]
@@ -117,11 +122,74 @@ fn a_wrong_answer_about_a_server_is_asked_for_again_with_the_reason() {
     assert!(why.contains("opc.tcp://cnc is an OPC UA server, which has no registers"), "{why}");
 }
 
-/// The profile of the answers, read once from virtual devices.
+#[cfg(feature = "opcua")]
+#[test]
+fn temperatures_are_nodes_or_elements_of_arrays() {
+    let (answers, shown) = of_nodes(ONE_SERVER);
+    assert!(shown.contains("write an index from 0"), "{shown}");
+    let profile = taken(&answers);
+    assert_eq!(profile.buses.len(), 1, "{shown}");
+    assert_eq!(profile.buses[0].address, "opc.tcp://192.168.0.10:4840");
+    let place = |signal: &isotherm_profile::Signal| {
+        let node = signal.address.node().unwrap();
+        (node.to_string(), node.element.as_ref().unwrap().to_string())
+    };
+    let found: Vec<(String, String)> = profile.signals.iter().map(place).collect();
+    let expected = [("ns=2;s=Temps", "element 2"), ("nsu=urn:plc;i=7", "element 1, 2")];
+    assert_eq!(found, expected.map(|(node, element)| (node.to_owned(), element.to_owned())));
+    let options = "--yes --bus opc.tcp://192.168.0.10:4840 --node ns=2;s=Temps --element 2 --node nsu=urn:plc;i=7 \
+                   --element 1,2 --output ns=2;s=Offset.Z --output-type i32 --output-scale 0.1 --control";
+    for control in ["same", "192.168.0.10:4840"] {
+        let options: Vec<&str> = options.split(' ').chain([control]).collect();
+        assert_eq!(answered_with(&options, "").0.unwrap(), answers, "{control}");
+    }
+}
+
+#[cfg(feature = "opcua")]
+#[test]
+fn a_control_with_registers_is_not_on_the_line_of_a_server() {
+    let options =
+        "--yes --bus 192.168.0.10:4840 --signals bed --node ns=2;s=Bed --scale 0.1 --output linuxcnc-eoffset";
+    let options: Vec<&str> = options.split(' ').collect();
+    let answers = answered_with(&options, "").0.unwrap();
+    assert_eq!(answers.control, Some(Line::Tcp("192.168.0.20:502".to_owned())));
+    let profile = taken(&answers);
+    let scale = profile.signals[0].encoding.scale.get();
+    assert!(profile.buses.len() == 2 && (scale - 0.1).abs() < 1e-12, "{scale}");
+    let why = answered_with(&[&options[..], &["--control", "same"]].concat(), "").0.unwrap_err().to_string();
+    assert!(why.contains("the module has no registers, so the control needs another line"), "{why}");
+    let options = ["--yes", "--bus", "opc.tcp://cnc", "--signals", "bed"];
+    let why = answered_with(&options, "").0.unwrap_err().to_string();
+    assert!(why.contains("--node is needed"), "{why}");
+}
+
+#[cfg(feature = "opcua")]
+#[test]
+fn the_address_of_a_server_may_have_another_scheme_or_none() {
+    for (written, url) in [
+        ("opc.tcp://192.168.0.10/nc", "opc.tcp://192.168.0.10:4840/nc"),
+        ("OPC.TCP://cnc:4841", "opc.tcp://cnc:4841"),
+        ("opcua://[::1]:4840", "opc.tcp://[::1]:4840"),
+        ("cnc:4840", "opc.tcp://cnc:4840"),
+    ] {
+        assert_eq!(Line::parse(written), Ok(Line::OpcUa(url.to_owned())));
+    }
+    let why = Line::parse("opc.https://cnc:4843").unwrap_err();
+    assert!(why.contains("write \"opc.tcp://cnc:4843\""), "{why}");
+}
+
 #[cfg(feature = "opcua")]
 #[test]
 fn the_first_reading_shows_the_value_of_the_node() {
-    let profile = taken(&of_nodes(NODES).0);
+    for lines in [NODES, ONE_SERVER] {
+        shows_the_first_reading(taken(&of_nodes(lines).0));
+    }
+}
+
+/// Reads the profile once from virtual devices.
+#[cfg(feature = "opcua")]
+#[track_caller]
+fn shows_the_first_reading(profile: isotherm_profile::Profile) {
     let (tell, told) = std::sync::mpsc::channel();
     let (end, ended) = tokio::sync::oneshot::channel::<()>();
     let devices = std::thread::spawn(move || {
@@ -146,7 +214,8 @@ fn the_first_reading_shows_the_value_of_the_node() {
 #[test]
 fn a_program_without_opc_ua_names_the_build_that_has_it() {
     let usual = ["--yes", "--output", "linuxcnc-eoffset", "--control", "opc.tcp://192.168.0.20:4840"];
-    for options in [&usual[..], &["--yes", "--output", "ns=2;s=Offset.Z"][..]] {
+    let bus = ["--yes", "--bus", "192.168.0.10:4840"];
+    for options in [&usual[..], &bus[..], &["--yes", "--output", "ns=2;s=Offset.Z"][..]] {
         let why = answered_with(options, "").0.unwrap_err().to_string();
         assert!(why.contains("cargo build --release --features opcua"), "{options:?}: {why}");
     }
