@@ -114,7 +114,8 @@ async function watch(session, seconds, names, node) {
         setTimeout(end, 1000 * seconds);
         group.on("changed", (_, value, place) => {
             const change = changes[names[place]];
-            const status = value.statusCode.name;
+            // On a busy computer, `#` and a word follow, which say that the queue of the item was full.
+            const status = value.statusCode.name.split("#")[0];
             change.count += 1;
             change.time = value.sourceTimestamp;
             if (change.statuses.at(-1) !== status) change.statuses.push(status);

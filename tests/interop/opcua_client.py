@@ -83,7 +83,9 @@ class PrintedChanges(Changes):
     """Prints each change."""
 
     def datachange_notification(self, node, value, data):
-        say([node.nodeid.Identifier, data.monitored_item.Value.StatusCode.name, value])
+        # On a busy computer, the lower bits say that the queue of the item was full.
+        status = ua.StatusCode(data.monitored_item.Value.StatusCode.value & 0xFFFF0000)
+        say([node.nodeid.Identifier, status.name, value])
 
 
 def say(result):
