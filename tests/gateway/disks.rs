@@ -246,7 +246,8 @@ fn new_files_on_a_full_disk_name_the_file_and_what_to_do() {
     let options: Vec<&std::ffi::OsStr> = options.iter().map(AsRef::as_ref).collect();
     let init = [&["init".as_ref(), new.as_os_str()], &options[..]].concat();
     let state = home.state.as_os_str();
-    let backup = ["backup".as_ref(), home.profile.as_os_str(), archive.as_os_str(), "--state".as_ref(), state];
+    let backup =
+        ["backup".as_ref(), home.profile.as_os_str(), archive.as_os_str(), "--state".as_ref(), state];
     for (words, file) in [(&record[..], &log), (&init[..], &new), (&backup[..], &archive)] {
         let (code, said) = on_it(words);
         let words =
