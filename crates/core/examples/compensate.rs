@@ -22,11 +22,13 @@ const BED: SignalId = SignalId(0);
 const WHEELHEAD: SignalId = SignalId(1);
 
 const SECOND: Duration = Duration::from_secs(1);
-/// Temperature rise of the bed after a very long time, °C; and the time in which it reaches 63 % of that rise, s.
+/// Final temperature rise of the bed, °C.
 const WARMTH: f64 = 4.0;
+/// Time constant of the bed, s: the time in which the bed reaches 63 % of the final rise.
 const LAG: f64 = 900.0;
-/// Time at which the sensor breaks, and at which the example ends.
+/// Time at which the sensor breaks, s.
 const BREAKS: u32 = 30 * 60;
+/// Time at which the example ends, s.
 const ENDS: u32 = 38 * 60;
 
 fn main() -> Result<(), Box<dyn Error>> {

@@ -20,11 +20,11 @@ fn main() {
     let mut desk = Desk::new();
     desk.give("the gateway starts", Fact::Look);
     desk.give("the profile arms the axis", Fact::Armed { by: Who::Policy });
-    desk.decide("a decision: 25 counts are wanted, a step is 10", Counts(25));
+    desk.decide("a decision requests 25 counts; one step is at most 10", Counts(25));
     desk.answer_is_lost = true;
     desk.decide("the next decision; the answer to its write is lost", Counts(25));
-    desk.decide("the last one", Counts(25));
-    desk.decide("nothing is left to be done", Counts(25));
+    desk.decide("the last decision that changes the register", Counts(25));
+    desk.decide("the register holds the requested value: no write", Counts(25));
 }
 
 /// Output, and the register that it writes to.
@@ -33,7 +33,7 @@ struct Desk {
     state: State,
     now: Moment,
     register: Counts,
-    /// The next write is executed, but its answer is lost.
+    /// Whether the next write is executed, but its answer is lost.
     answer_is_lost: bool,
 }
 
@@ -110,7 +110,7 @@ impl Desk {
         match action {
             Action::Nothing { until } => format!("nothing until {:.3} s", self.seconds(until)),
             Action::Read => "read".to_owned(),
-            Action::Keep => "put what is known on disk".to_owned(),
+            Action::Keep => "save the state on disk".to_owned(),
             Action::Write { value, .. } => format!("write {value}"),
         }
     }

@@ -22,9 +22,9 @@ const LOSES_ANSWERS: &str =
 const LOOK_AT_THE_SENSOR: &str = "look at the sensor, its cable and its channel";
 /// Hint for an acknowledge signal of the control that is set although it must not be.
 const DROPS_ACKNOWLEDGE: &str =
-    "does the control's program drop the acknowledge signal when the strobe signal drops?";
+    "check that the control's program drops the acknowledge signal when the strobe signal drops";
 /// Hint for a signal of a handshake (strobe or acknowledge) that cannot be read or written.
-const MAY_ACCESS: &str = "is the control on, may the gateway read and write this address?";
+const MAY_ACCESS: &str = "check that the control is on, and that the gateway may read and write this address";
 /// Hint for a certificate that has expired, or expires soon.
 const RENEW: &str =
     "make a new certificate; a running gateway loads it after `isotherm restart PROFILE --keep`";
@@ -44,7 +44,7 @@ pub enum Level {
 }
 
 impl Level {
-    /// Returns the word for programs.
+    /// Returns the name of the severity for programs, for example in JSON.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
@@ -163,7 +163,7 @@ catalogue! {
     LinkUp = info("link-up").ends(&["bus {bus}"]);
     /// A CAN bus has a fault in its controller, queue or receiver, or a serial line has another master.
     BusTrouble = warning("bus-trouble").raises("trouble of bus {bus}")
-        .hint("is the bus terminated at both ends, has every node the same bitrate?");
+        .hint("check that the bus is terminated at both ends, and that every node has the same bitrate");
     /// The fault of a bus or serial line has ended.
     BusWell = info("bus-well").ends(&["trouble of bus {bus}"]);
     /// A signal can no longer be used.
@@ -176,13 +176,14 @@ catalogue! {
     ReadFailed = warning("read-failed").raises("output {output}").word(UNVERIFIED).hint(DOES_NOT_ANSWER);
     /// The value that was read back from the register of an output differs from the written one.
     VerifyFailed = error("verify-failed").raises("output {output}").word(UNVERIFIED)
-        .hint("does another client write the register, does the control accept values now, do `type` and `scale` fit \
-               the register?");
+        .hint("check that no other client writes the register, that the control accepts values now, and that `type` \
+               and `scale` fit the register");
     /// The register of an output was verified after failures, or after a write that is not from the gateway.
     Verified = info("verified").ends(&["output {output}", "foreign write to {output}"]);
     /// The control applies another value than the register value.
     NotApplied = error("not-applied").raises("output {output}").word(UNVERIFIED)
-        .hint("is the compensation function on in the control, does it need longer than `settle`?");
+        .hint("check that the compensation function of the control is on, and that `settle` is long enough for the \
+               control");
     /// A write that is not from the gateway has changed the register of an output.
     ForeignChange = error("foreign-change").raises("foreign write to {output}")
         .hint("find what changed the offset, correct the value at the control, then arm the axis");
@@ -214,7 +215,7 @@ catalogue! {
     LearningFailed = warning("learning-failed").hint("`isotherm learn PROFILE` shows what is wrong");
     /// The model of an axis requests more Cz than the limit of the axis.
     AtLimit = warning("at-limit")
-        .hint("are the sensors and references of the axis right? If they are, raise axis.{axis}.limit");
+        .hint("check the sensors and references of the axis. If all are right, raise axis.{axis}.limit");
     /// The model of an axis has requested more Cz than the limit of the axis for more than five minutes. The event names
     /// the signals with the largest contributions.
     LimitLasts = warning("limit-lasts").raises("limit of axis {axis}")
@@ -327,7 +328,7 @@ catalogue! {
     AcknowledgeEarly = error("acknowledge-early").hint(DROPS_ACKNOWLEDGE);
     /// The control did not acknowledge the strobe signal in time.
     AcknowledgeMissing = error("acknowledge-missing")
-        .hint("does the control's program run, does it read this strobe signal? If so, raise `timeout` of \
+        .hint("check that the control's program runs and reads this strobe signal. If it does, raise `timeout` of \
                the handshake");
     /// The acknowledge signal of the control could not be read.
     AcknowledgeNotRead = error("acknowledge-not-read").hint(MAY_ACCESS);
@@ -376,7 +377,8 @@ catalogue! {
         .hint("set the server to send values as often as `every` demands, or write a longer `every`");
     /// The gateway did not run for some time: the computer was stopped, suspended or overloaded.
     StoodStill = warning("stood-still")
-        .hint("does another program use the computer, is automatic suspend on? A gateway needs a computer of its own");
+        .hint("check whether another program uses the computer, and switch automatic suspend off. A gateway needs a \
+               computer of its own");
     /// The gateway has started.
     Started = info("started");
     /// The gateway was asked to stop. It runs the fault actions, or keeps the register values.
@@ -411,7 +413,7 @@ catalogue! {
     /// The saved state, or the saved register ledger, comes from an earlier version of the program, and is used.
     TakenFromEarlier = warning("taken-from-earlier");
     /// Some events are missing on disk, because the disk did not save them in time.
-    EventsLost = warning("events-lost").hint("is the disk full, slow or broken?");
+    EventsLost = warning("events-lost").hint("check whether the disk is full, slow or broken");
     /// The file of a day's events is full. Further events of the day are not saved.
     EventsFull = warning("events-full").hint("`isotherm events` shows which events are so frequent");
     /// Logs were deleted.
@@ -429,16 +431,16 @@ catalogue! {
     /// A message to a server of `[[notify]]` could not be delivered. Further failures are not reported until a message
     /// arrives.
     NotifyFailed = warning("notify-failed").raises("messages of {notify}")
-        .hint("does the server run, are `url` and token right? The gateway tries a few times more, and the \
-               compensation continues");
+        .hint("check that the server runs, and that `url` and token are right. The gateway tries a few times more, and \
+               the compensation continues");
     /// A message to a server of `[[notify]]` has arrived after failures.
     NotifyBack = info("notify-back").ends(&["messages of {notify}"]);
     /// Messages to a server of `[[notify]]` were given up after failures, or the queue had no room for them.
     NotifyDropped = warning("notify-dropped").hint(SEE_EVENTS);
     /// The connection to the broker of `[mqtt]` is lost.
     BrokerDown = warning("broker-down").raises("broker {broker}")
-        .hint("does the broker run, are its address, user and certificate those of `[mqtt]`? The gateway tries again, \
-               and the compensation continues");
+        .hint("check that the broker runs, and that its address, user and certificate are those of `[mqtt]`. The \
+               gateway tries again, and the compensation continues");
     /// The connection to the broker of `[mqtt]` is back.
     BrokerUp = info("broker-up").ends(&["broker {broker}"]);
     /// Messages to the broker were dropped, because it was not reachable or too slow.
@@ -458,7 +460,8 @@ catalogue! {
                `isotherm restart PROFILE --keep`");
     /// The primary host of `[mqtt]` is offline. The gateway stores values and events on disk, and publishes nothing.
     HostOffline = warning("host-offline").raises("primary host {host}")
-        .hint("does the host application run, is `primary_host` its host ID? The compensation continues");
+        .hint("check that the host application runs, and that `primary_host` is its host ID. The compensation \
+               continues");
     /// The primary host of `[mqtt]` is online again. The gateway publishes what it has stored.
     HostOnline = info("host-online").ends(&["primary host {host}"]);
     /// The OPC UA server of `[opcua_server]` cannot listen at its address, or has failed.

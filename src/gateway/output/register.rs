@@ -304,7 +304,7 @@ impl OutputRegister {
         if kept == SaveResult::NotYet && controller.trouble() != Some(Trouble::Disk) {
             let why = Explained::new(
                 format!("the disk has not answered for {} s", DISK_PATIENCE.as_secs()),
-                "is the disk full, slow or broken?",
+                "check whether the disk is full, slow or broken",
             );
             shared.report(&Event::NotKept { what: WHAT.to_owned(), why });
         }

@@ -104,8 +104,8 @@ fn an_acknowledge_that_does_not_come_is_reported_and_the_axis_holds_until_it_doe
     let reported = texts(&trace, "acknowledge-missing");
     assert_eq!(
         reported,
-        ["acknowledge signal of output cnc_z did not come within 500 ms (discrete:20): does the control's \
-             program run, does it read this strobe signal? If so, raise `timeout` of the handshake"],
+        ["acknowledge signal of output cnc_z did not come within 500 ms (discrete:20): check that \
+             the control's program runs and reads this strobe signal. If it does, raise `timeout` of the handshake"],
         "{}",
         trace.lines()
     );
@@ -147,8 +147,8 @@ fn an_acknowledge_that_does_not_drop_is_reported_and_nothing_is_written_while_it
     assert_eq!(
         reported,
         ["acknowledge signal of output cnc_z did not drop within 500 ms after the strobe signal \
-             (discrete:20): does the \
-             control's program drop the acknowledge signal when the strobe signal drops?"],
+             (discrete:20): check that the \
+             control's program drops the acknowledge signal when the strobe signal drops"],
         "{}",
         trace.lines()
     );
@@ -157,7 +157,7 @@ fn an_acknowledge_that_does_not_drop_is_reported_and_nothing_is_written_while_it
         early,
         ["acknowledge signal of output cnc_z was up before the strobe signal and did not drop within 500 \
              ms (discrete:20): \
-             does the control's program drop the acknowledge signal when the strobe signal drops?"],
+             check that the control's program drops the acknowledge signal when the strobe signal drops"],
         "{}",
         trace.lines()
     );

@@ -74,7 +74,10 @@ fn tokens(text: &str) -> Result<Vec<(usize, Token<'_>)>, ExpressionError> {
             sign.len()
         } else {
             let hint = if first == '=' { "; compare with ==" } else { "" };
-            return Err(ExpressionError { at, message: format!("`{first}` is not understood{hint}") });
+            return Err(ExpressionError {
+                at,
+                message: format!("`{first}` has no meaning in an expression{hint}"),
+            });
         };
         at += length;
     }
@@ -190,8 +193,10 @@ impl<'a> Parser<'a> {
             Token::Number(number) => self.operations.push(Operation::Push(Symbol::Constant(number))),
             Token::Name(name) if self.peek() == Some(&Token::Sign("(")) => self.call(at, name)?,
             Token::Name(name) => {
-                let symbol = (self.resolve)(name)
-                    .ok_or_else(|| ExpressionError { at, message: format!("`{name}` is not known here") })?;
+                let symbol = (self.resolve)(name).ok_or_else(|| ExpressionError {
+                    at,
+                    message: format!("`{name}` is not known in this expression"),
+                })?;
                 self.operations.push(Operation::Push(symbol));
             }
             Token::Sign("(") => {

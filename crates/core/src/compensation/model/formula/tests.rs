@@ -53,7 +53,7 @@ fn an_expression_that_cannot_be_read_says_where_and_why() {
         ("sin(A)", 0, "no function"),
         ("1..2", 0, "no number"),
         ("A * * B", 4, "value was expected"),
-        ("A $ B", 2, "not understood"),
+        ("A $ B", 2, "no meaning"),
     ] {
         let error = Expression::parse(text, &resolve).unwrap_err();
         assert_eq!(error.at, at, "{text}: {error:?}");
