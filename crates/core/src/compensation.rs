@@ -222,8 +222,8 @@ impl Compensation {
         self.axes.get(axis).filter(|axis| axis.settings.learned.is_some()).map(|axis| &axis.preference)
     }
 
-    /// Requests a change of the preferred model of an axis, instead of the change that waits. With `None`, no change
-    /// waits any more. The axis is stepped at once.
+    /// Requests a change of the preferred model of an axis. The request replaces a change that waits; `None` cancels
+    /// that change. The axis decides again at the next call of [`Compensation::step`].
     ///
     /// # Errors
     /// Returns why the change is rejected.
@@ -231,8 +231,8 @@ impl Compensation {
         self.axes.get_mut(axis).ok_or(Unfit::NoSlot)?.prefer(change)
     }
 
-    /// Withdraws the change of the preferred model that waits, because an operator does not want it. The preference of
-    /// the axis names its model as taken back. The axis is stepped at once.
+    /// Withdraws the waiting change of the preferred model at an operator's request. The preference of the axis then
+    /// names the model as taken back. The axis decides again at the next call of [`Compensation::step`].
     pub fn withdraw(&mut self, axis: usize) {
         if let Some(axis) = self.axes.get_mut(axis) {
             axis.withdraw();

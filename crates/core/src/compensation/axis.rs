@@ -121,7 +121,7 @@ impl Axis {
         }
     }
 
-    /// Returns the state that must be saved for a restart of the gateway; `None` if there is none.
+    /// Returns the state that must be saved for a restart of the gateway; `None` if nothing must be saved.
     pub(super) fn remembered(&self) -> Option<AxisMemory> {
         let kept = AxisMemory::of(&self.settings, &self.lags, &self.watched, &self.zeroing, &self.probe);
         match self.preference.is_worth_saving() {
@@ -171,8 +171,8 @@ impl Axis {
         self.restart_watches(now);
     }
 
-    /// Returns whether the axis must be stepped: because its period is over, or at once. It is stepped at once if it
-    /// never ran, if time went back, or if its control has a new demand.
+    /// Returns whether the axis must compute a decision now. It must if its period is over, if it never ran, if time
+    /// went back, or if its control has a new demand.
     pub(super) fn is_due(&self, now: Moment, control: &Control) -> bool {
         let (Some(due), Some(last)) = (self.due, self.stepped) else { return true };
         let is_new = control.permit != self.permit || control.trust;

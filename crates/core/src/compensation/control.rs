@@ -16,7 +16,7 @@ pub struct Control {
     /// Effect of the slope, at the axis's largest distance from the reference position, from which the slope resumes.
     /// This field is set only if the control applies the slope itself.
     pub take_over_slope: Option<Micron>,
-    /// Whether the axis discards its correction from probings.
+    /// Whether the axis must discard the correction of its models from probings.
     pub forget: bool,
     /// Measured error with which the axis corrects its models; `None` if there is no new one.
     pub measured: Option<Measured>,
@@ -28,18 +28,18 @@ pub struct Control {
     /// Verified Cz of the output register that is farthest behind the last decision. The next Cz stays within one step
     /// of it. `None` if no register is behind.
     pub behind: Option<Micron>,
-    /// Values to which an axis in hold returns after the settings of a sensor were changed. The decisions since the
-    /// sensor's last check are wrong.
+    /// Values to which an axis that keeps its Cz returns after the settings of a sensor were changed. The decisions
+    /// since the sensor's last check are wrong.
     pub return_to: Option<ReturnTo>,
 }
 
 /// Cz, and the effect of the slope, before the settings of a sensor were changed.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ReturnTo {
-    /// Cz before the change.
+    /// Cz before the settings of the sensor were changed.
     pub cz: Micron,
-    /// Effect of the slope, at the axis's largest distance from the reference position, before the change; zero without
-    /// a slope.
+    /// Effect of the slope at the axis's largest distance from the reference position, before the settings were
+    /// changed. Zero without a slope.
     pub slope: Micron,
 }
 
@@ -85,7 +85,7 @@ impl Permit {
         }
     }
 
-    /// Returns the permit with this name in a log; `None` if there is none.
+    /// Returns the permit with this name in a log; `None` if the name is unknown.
     pub fn from_name(name: &str) -> Option<Permit> {
         [Permit::Off, Permit::Armed, Permit::Unverified, Permit::Held, Permit::Stopping]
             .into_iter()

@@ -15,9 +15,9 @@ use crate::quantity::{Micron, MicronPerMillimetre, Moment};
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct Zeroing {
     models: Vec<Level>,
-    /// End of a running capture; `None` if none is running.
+    /// End of a running capture; `None` if no capture is running.
     until: Option<Moment>,
-    /// Time at which the last capture was complete; `None` if none was.
+    /// Time at which the last capture was complete; `None` before the first capture.
     at: Option<Moment>,
 }
 
@@ -57,7 +57,7 @@ impl Zeroing {
         self.until.is_some()
     }
 
-    /// Returns the datum of a model: the values that are subtracted from those that the model requests.
+    /// Returns the datum of a model: Cz and slope that are subtracted from the Cz and slope that the model requests.
     pub(super) fn of(&self, model: usize) -> Outputs {
         self.models.get(model).map_or(Outputs::default(), |level| {
             let Level { cz, slope, apart, .. } = *level;
@@ -82,7 +82,7 @@ impl Zeroing {
         }
     }
 
-    /// Adds the values that the models request now to a running capture. The capture is complete once its time is over
+    /// Adds the values that the models request now to a running capture. The capture is complete when its time is over
     /// and at least one model has had a value.
     pub(super) fn gather(&mut self, now: Moment, evaluate: impl Fn(usize) -> Option<Outputs>) {
         let Some(until) = self.until else { return };

@@ -1,11 +1,11 @@
-//! Decision of a step for one axis.
+//! Decision of one compensation step for one axis: its Cz, and how this Cz was determined.
 
 use serde::{Deserialize, Serialize};
 
 use super::{AxisState, Extrapolation, Stages, SubstitutedSensor, Unusable, Worse};
 use crate::quantity::{Micron, Moment, shifted};
 
-/// Decision of a step for one axis.
+/// Decision of one compensation step for one axis: its Cz, and how this Cz was determined.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Decision {
     /// Time of the decision.
@@ -16,7 +16,7 @@ pub struct Decision {
     /// the machine is outside the range on which the model was identified.
     #[serde(default)]
     pub expected: Option<Micron>,
-    /// Number of probings whose residuals scale the expected error; 0 if none does.
+    /// Number of probings whose residuals scale the expected error; 0 if the error is not scaled.
     #[serde(default)]
     pub expected_touches: u32,
     /// Correction that probings have added to the model's own Cz.
@@ -43,14 +43,14 @@ pub struct Decision {
     /// Reason why the preferred model cannot be used; `None` if it is used.
     pub lacks: Option<Unusable>,
     /// Sensor of the model in use whose reading is replaced by a stand-in (an estimate from other sensors); `None` if
-    /// there is none.
+    /// no reading is replaced.
     #[serde(default)]
     pub stood_in: Option<SubstitutedSensor>,
     /// Whether the model requested more than the error level. If so, the axis runs its fault action until it is armed
     /// again.
     pub tripped: bool,
-    /// Comparison which shows that the model in use is worse than no compensation; `None` if there is none. While no
-    /// model can be used, this is the comparison of the last model in use.
+    /// Comparison which shows that the model in use is worse than no compensation; `None` if the model is not worse.
+    /// While no model can be used, this is the comparison of the last model in use.
     #[serde(default)]
     pub worse: Option<Worse>,
     /// Details about inputs outside the range on which the model in use was identified; `None` inside the range.

@@ -88,8 +88,8 @@ pub(super) struct Guard {
 }
 
 impl Guard {
-    /// Takes over the register value `found`, as whole counts inside the limit. Keeping the value then never writes one
-    /// that is not allowed.
+    /// Takes over the register value `found`, as whole counts inside the limit. An axis that keeps its value then never
+    /// writes a value beyond the limit.
     pub(super) fn take_over(&mut self, found: Micron, settings: &GuardSettings) {
         let inside = found.clamp_to(settings.limit);
         self.place = settings.count.map_or(inside, |count| Grid { count, settings }.nearest(inside));

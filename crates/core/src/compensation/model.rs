@@ -162,8 +162,8 @@ impl Model {
     }
 }
 
-/// Returns the coverage that is used. This is the coverage of the envelope, unless there is no envelope or only the end
-/// of the guideway is exceeded.
+/// Returns the coverage (position of the inputs inside or outside the identified region) that the axis uses. This is
+/// the coverage of the envelope, unless there is no envelope or only the end of the guideway is exceeded.
 fn worse(envelope: Option<Coverage>, guideway: Option<Coverage>) -> Option<Coverage> {
     match (envelope, guideway) {
         (Some(inside), Some(beyond)) if inside.extrapolating.is_none() && beyond.extrapolating.is_some() => {

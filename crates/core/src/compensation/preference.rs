@@ -35,7 +35,7 @@ use super::model::{Input, Kind, Linear, Model};
 use super::settings::LearnedSlot;
 use crate::quantity::MicronPerCelsius;
 
-/// Preferred model of an axis.
+/// Preferred model of an axis: a model of the profile, or the learned model.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Preferred {
@@ -55,12 +55,12 @@ pub struct LearnedModel {
     pub terms: Vec<LearnedTerm>,
 }
 
-/// Term of a learned model.
+/// Term of a learned model: an input (signal, lag, squared or not) and its gain.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct LearnedTerm {
     /// Index of the signal in the profile's list of signals.
     pub signal: usize,
-    /// Time constant; `None` without a lag.
+    /// Time constant of the input's lag; `None` without a lag.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub lag: Option<Duration>,
     /// Whether the input is the square of the signal.
@@ -94,7 +94,7 @@ pub struct Change {
 /// Reason why a change of the preferred model is rejected.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Unfit {
-    /// The axis does not learn.
+    /// The axis does not learn a model, so it has no learned model to prefer.
     NoSlot,
     /// The models of the profile have changed.
     OtherProfile,
@@ -112,7 +112,7 @@ impl fmt::Display for Unfit {
     }
 }
 
-/// Preferred model of an axis, the one before, and a change that waits.
+/// Preferred model of an axis, the model that was preferred before, and a change that waits.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Preference {
     /// Fingerprint of the profile's models to which the preference belongs.
@@ -166,7 +166,8 @@ impl Preference {
         self.waiting.as_ref()
     }
 
-    /// Returns whether an operator has left this learned model, or has withdrawn its adoption.
+    /// Returns whether this learned model was preferred before the last change, or its adoption was withdrawn by an
+    /// operator.
     pub fn is_taken_back(&self, name: &str) -> bool {
         let left = self.before().and_then(Preferred::name);
         [left, self.withdrawn.as_deref()].contains(&Some(name))
@@ -181,12 +182,13 @@ impl Preference {
         matches!(self.preferred, Preferred::Learned(_))
     }
 
-    /// Returns whether the preference must be saved: a learned model is preferred, or waits, or was left or withdrawn.
+    /// Returns whether the preference must be saved: a learned model is preferred, the preferred model has changed
+    /// before, or a change waits or was withdrawn.
     pub(super) fn is_worth_saving(&self) -> bool {
         self.is_learned() || self.before.is_some() || self.waiting.is_some() || self.withdrawn.is_some()
     }
 
-    /// Replaces the change that waits.
+    /// Replaces the change that waits. With `None`, no change waits any more.
     pub(super) fn set_waiting(&mut self, change: Option<Change>) {
         self.waiting = change;
     }
@@ -197,7 +199,8 @@ impl Preference {
         self.withdrawn = name.or(self.withdrawn.take());
     }
 
-    /// Takes the change that may take effect in this step.
+    /// Removes and returns the waiting change if it may take effect in this step; else returns `None`. `at_datum`:
+    /// whether a datum (zero point of Cz) of the axis has just been captured.
     pub(super) fn take_due(&mut self, at_datum: bool) -> Option<Change> {
         self.waiting.take_if(|change| at_datum || change.when == When::Now)
     }

@@ -81,7 +81,7 @@ pub struct Probed {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Refused {
-    /// No model can be used.
+    /// The axis has no model that can be used now.
     NoModel,
     /// The model has requested more than the error level of the axis, and is not used.
     Tripped,
@@ -110,7 +110,7 @@ shifted!(Residual: at);
 /// Results of all probings of one axis. They are saved for a restart.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Probe {
-    /// Correction of each model from probings.
+    /// Correction of each model from probings, in the order of the axis's models.
     pub(super) models: Vec<Learned>,
     last: Option<Probed>,
     history: VecDeque<Residual>,

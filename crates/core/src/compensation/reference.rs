@@ -76,7 +76,7 @@ pub struct Capture {
     away: Duration,
 }
 
-/// Captured reference of a signal.
+/// Captured reference of a signal: its value, and the time of the capture.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CapturedReference {
     /// Value in the signal's unit.
@@ -103,8 +103,8 @@ pub struct MachineChange {
 }
 
 impl Machine {
-    /// Returns the state with the running time up to `at` added to `on_before`, so that the time after `at` is counted
-    /// from `at`.
+    /// Returns the state with the running time up to `at` added to `on_before`. Later running time is counted from
+    /// `at`.
     pub(super) fn counted_until(self, at: Moment) -> Machine {
         let on_before = self.on_time(at).unwrap_or_default();
         Machine { on_since: self.on_since.map(|_| at), on_before, ..self }
@@ -130,7 +130,8 @@ impl Machine {
         capture.value.map(|_| now.since(capture.at).saturating_add(capture.away))
     }
 
-    /// Takes the references of all signals out of the state: those of machine start, and those of the last zero command.
+    /// Takes the references of all signals out of the state. The first list contains the references of machine start,
+    /// the second one those of the last zero command.
     pub fn take_references(&mut self) -> [Vec<Capture>; 2] {
         [&mut self.start, &mut self.zero].map(std::mem::take)
     }
@@ -165,7 +166,7 @@ impl Machine {
         self.known.captures
     }
 
-    /// Records that captured values have changed.
+    /// Records that captured values have changed, so that results derived from them are calculated again.
     fn changed(&mut self) {
         self.known.captures = self.known.captures.wrapping_add(1);
     }

@@ -37,22 +37,23 @@ pub struct Remembered {
     pub running: Vec<AxisRunning>,
 }
 
-/// Saved state of one axis.
+/// Saved state of one axis: lags, datum (zero point of Cz), sensor checks, corrections from probings, preferred model.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct AxisMemory {
     axis: String,
     lags: Vec<KeptLag>,
     datum: Vec<KeptDatum>,
-    /// End of a running capture of the datum (zero point of Cz); `None` if none is running.
+    /// End of a running capture of the datum (zero point of Cz); `None` if no capture is running.
     datum_until: Option<Moment>,
-    /// Time at which the last capture of the datum was complete; `None` if none was.
+    /// Time at which the last capture of the datum was complete; `None` before the first capture.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     datum_at: Option<Moment>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     probe: Option<Probe>,
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     watches: Vec<Watch>,
-    /// Preferred model; `None` if it is that of the profile, and no other one can be returned to.
+    /// Preferred model, the model that was preferred before, and a change that waits. `None` if the models of the
+    /// profile are preferred, and nothing else must be saved.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     preference: Option<Preference>,
 }
@@ -85,8 +86,8 @@ struct KeptDatum {
 }
 
 impl Remembered {
-    /// Returns the state with the running time of the machine added up to `at`, so that the time after `at` is counted
-    /// from `at`.
+    /// Returns the state with the running time of the machine summed up to `at`. Later running time is counted from
+    /// `at`.
     #[must_use]
     pub fn counted_until(mut self, at: Moment) -> Remembered {
         self.machine = self.machine.counted_until(at);
@@ -254,7 +255,8 @@ impl AxisMemory {
         (is_worth_it || kept.probe.is_some()).then_some(kept)
     }
 
-    /// Returns the saved state of this axis with its preferred model. `kept` is the rest of the state, if there is any.
+    /// Returns the saved state of this axis with its preferred model. `kept` is the saved state without the preferred
+    /// model, if there is any.
     pub(super) fn with_preference(
         kept: Option<AxisMemory>,
         axis: &str,
@@ -281,7 +283,8 @@ impl AxisMemory {
         &self.axis
     }
 
-    /// Returns the preferred model; `None` if it is that of the profile.
+    /// Returns the saved preference of the axis. `None` if the models of the profile are preferred, and nothing else
+    /// was saved.
     pub fn preference(&self) -> Option<&Preference> {
         self.preference.as_ref()
     }

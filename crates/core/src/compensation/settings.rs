@@ -39,7 +39,7 @@ pub struct AxisSettings {
 /// Model of an axis whose gains are learned while the gateway runs. Its gains in the settings are zero.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct LearnedSlot {
-    /// Index of the model.
+    /// Index of the learned model in the axis's list of models.
     pub model: usize,
     /// Fingerprint of the other models of the axis. A learned model belongs to them.
     pub own: String,
@@ -88,7 +88,7 @@ pub enum OnWorse {
 pub enum Filter {
     /// Constant share of the residual, above 0 and up to 1.
     Share(f64),
-    /// Share that depends on the certainty of the correction compared with that of the probing.
+    /// Share that depends on two variances: the variance of the correction, and the variance of the probing.
     Weighed {
         /// Standard deviation of a probing, µm. Above zero.
         repeat: f64,
@@ -98,12 +98,13 @@ pub enum Filter {
 }
 
 impl Filter {
-    /// Standard deviation of a probing if the profile does not name it, µm.
+    /// Default of the standard deviation of a probing, µm, for a profile that does not state it.
     pub const REPEAT: f64 = 0.5;
-    /// Increase of the variance of a correction in each hour if the profile does not name it, µm²/h.
+    /// Default of the increase of a correction's variance in each hour, µm²/h, for a profile that does not state it.
     pub const WALK: f64 = 4.0;
 
-    /// Returns the standard deviation of a probing, µm; the default with a constant share, which does not name it.
+    /// Returns the standard deviation of a probing, µm. A constant share has no such setting, so the default is
+    /// returned.
     #[must_use]
     pub const fn repeat(self) -> f64 {
         match self {

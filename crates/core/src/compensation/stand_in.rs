@@ -102,7 +102,7 @@ shifted!(SubstitutedSensor: since);
 /// saved for a restart, and in the first row of a log.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct Watch {
-    /// Name of the model.
+    /// Name of the model whose sensors are checked.
     pub(super) model: String,
     /// Fingerprint of the stand-ins file.
     pub(super) file: u64,
@@ -115,7 +115,7 @@ pub(super) struct Watch {
     sensors: Vec<Sensor>,
     /// State of each input (other sensor with its lag) of the predictions.
     bank: Vec<BankInput>,
-    /// Shadow of the lag of each term of the model.
+    /// Shadow of each lag: the state that the lag would have if its sensor had been frozen since its last change.
     shadows: Vec<Lag>,
     /// End of the current minute, over which means are calculated; `None` before the first one.
     until: Option<Moment>,
@@ -131,7 +131,7 @@ pub(super) struct Watch {
     /// For each sensor that was accepted again in this step: the estimate of its reading at machine start.
     #[serde(skip)]
     beginnings: Vec<Option<StartEstimate>>,
-    /// Buffers for trying the effect of a substitution.
+    /// Buffers for computing the effect of a substitution before it is made.
     #[serde(skip)]
     tried: (Vec<Substitution>, Vec<Lag>),
 }
@@ -139,7 +139,7 @@ pub(super) struct Watch {
 /// Limits for the effect of a substitution on the target of the axis, and how the effect is computed.
 #[derive(Clone, Copy)]
 pub(super) struct Bounds<'a> {
-    /// Largest step of the axis.
+    /// Largest change of the axis's target, µm, that a substitution may cause: one step of the axis.
     pub(super) step: Micron,
     /// Whether the control itself multiplies the slope (tanβ) by the distance of the axis from the reference position
     /// P0.
@@ -198,8 +198,8 @@ impl Watch {
         }
     }
 
-    /// Handles a time of length `span` in which the gateway did not run. The lags are advanced over this time.
-    /// Predictions from before it end if it was longer than [`PAUSE`].
+    /// Handles a time of length `span` in which the gateway did not run. The lags are advanced over this time. If this
+    /// time was longer than [`PAUSE`], the predictions from before it are discarded.
     pub(super) fn away(&mut self, span: Duration) {
         if span > PAUSE {
             self.sensors.iter_mut().for_each(Sensor::away);

@@ -27,7 +27,8 @@ impl Axis {
         Some((Micron::new(expected.get() * factor.sqrt())?, touches))
     }
 
-    /// Returns the expected variance of a model without its scale, µm²; `None` if the profile gives no expected error.
+    /// Returns the expected variance of a model, µm², before the residuals of probings scale it; `None` if the profile
+    /// gives no expected error.
     pub(super) fn expected_variance(
         &self,
         place: usize,
@@ -39,7 +40,8 @@ impl Axis {
         Some(expected * expected)
     }
 
-    /// Returns the expected error of a model without its scale. `learned` is the correction of the model.
+    /// Returns the expected error of a model before the residuals of probings scale it. `learned` is the correction of
+    /// the model. `None` if the profile gives no expected error.
     fn unscaled(&self, place: usize, learned: &Learned, now: Moment, machine: &Machine) -> Option<Micron> {
         let expected = self.settings.models.get(place)?.expected?;
         let touched = self.settings.probe.as_ref().and_then(|settings| learned.touched(settings));

@@ -51,8 +51,8 @@ impl Axis {
     }
 
     /// Applies the demands of `control` about probings: discards the corrections, or corrects the models with a
-    /// measured error. Returns whether the references of the preferred or of the learned model have just been captured,
-    /// if they are the datum (zero point of Cz) of the axis.
+    /// measured error. Returns `true` if the references of the preferred or of the learned model have just been
+    /// captured. On an axis with the datum (zero point of Cz) "zero", returns `false`.
     pub(super) fn be_taught(&mut self, snapshot: &Snapshot<'_>, machine: &Machine, control: Control) -> bool {
         let Some(settings) = self.settings.probe else { return false };
         let at_datum = self.restart(snapshot, machine, &settings);
@@ -71,8 +71,8 @@ impl Axis {
     }
 
     /// Resets the correction of each model whose datum or references have just been captured completely. Returns
-    /// whether the preferred or the learned model is among them. On an axis with the datum "zero", returns `false`:
-    /// references are no datum there.
+    /// whether the preferred or the learned model is among them. On an axis with the datum "zero", returns `false`,
+    /// because only a zero command sets that datum.
     fn restart(&mut self, snapshot: &Snapshot<'_>, machine: &Machine, settings: &ProbeSettings) -> bool {
         if self.zeroing.is_open() {
             return false;
@@ -111,8 +111,8 @@ impl Axis {
         Probed { at: snapshot.now, error: measured.error, acting, residual, refused }
     }
 
-    /// Returns why a model doubts a probing which says that this Cz would have left no error. `None` if the model
-    /// accepts the probing, or learns nothing from it.
+    /// Returns why a model does not accept a probing at once. `None` if the model accepts the probing, or learns
+    /// nothing from it. `cz`: value of Cz that would have left no error, according to the probing.
     fn doubts(
         &self,
         place: usize,

@@ -21,9 +21,9 @@ pub(in crate::compensation) struct ModelChoice {
     pub(super) correction: Micron,
     /// Effect of the slope at the axis's largest distance from the reference position.
     pub(super) slope: Micron,
-    /// Whether the inputs are inside the envelope of the model, on which it was identified, and how far outside.
+    /// Position of the inputs: inside the envelope (region on which the model was identified), or how far outside.
     pub(super) coverage: Option<Coverage>,
-    /// Sensor of the model that a stand-in replaces; `None` if there is none.
+    /// Sensor of the model that a stand-in (estimate from other sensors) replaces; `None` if no sensor is replaced.
     pub(super) stood_in: Option<SubstitutedSensor>,
 }
 
@@ -92,8 +92,8 @@ impl Axis {
         (None, lacks, outside)
     }
 
-    /// Returns whether this is a fallback model whose inputs are outside its own envelope. Once outside, the inputs
-    /// must be clearly inside to count as inside again.
+    /// Returns whether this is a fallback model whose inputs are outside its own envelope. After inputs were outside,
+    /// they count as inside again only when they are clearly inside.
     fn is_fallback_outside(&self, place: usize, evaluated: &Evaluated) -> bool {
         let has_envelope = self.settings.models.get(place).is_some_and(|model| model.envelope.is_some());
         let edge = if self.fallback_outside == Some(place) { CLEARLY_INSIDE } else { 0.0 };
@@ -120,7 +120,7 @@ impl Axis {
     }
 
     /// Returns the values that a model requests, measured from its datum (zero point). With `Outside::Agree`, a
-    /// difference between the model's two halves reduces the values.
+    /// difference between the two models whose mean is this model reduces the values.
     pub(super) fn asked(&self, model: usize, evaluated: Evaluated) -> ModelRequest {
         ModelRequest::of(evaluated, self.zeroing.of(model))
     }
@@ -128,7 +128,7 @@ impl Axis {
 
 impl ModelRequest {
     /// Returns the values that a model requests, measured from the zero point `datum`. With `Outside::Agree`, a
-    /// difference between the model's two halves reduces the values.
+    /// difference between the two models whose mean is this model reduces the values.
     pub(super) fn of(evaluated: Evaluated, datum: Outputs) -> ModelRequest {
         let Evaluated { outputs, mut coverage } = evaluated;
         let cz = outputs.cz.get() - datum.cz.get();

@@ -33,7 +33,7 @@ impl Axis {
         self.ranked().next()
     }
 
-    /// Returns whether the axis may use this model.
+    /// Returns whether the axis may use this model: a model of the profile, or the learned model if it is preferred.
     pub(super) fn is_ranked(&self, place: usize) -> bool {
         !self.is_slot(place) || self.preference.is_learned()
     }
@@ -43,7 +43,7 @@ impl Axis {
         self.settings.learned.as_ref().is_some_and(|slot| slot.model == place)
     }
 
-    /// Requests a change of the preferred model, instead of the change that waits.
+    /// Requests a change of the preferred model. The request replaces a change that waits; `None` cancels that change.
     ///
     /// # Errors
     /// Returns why the change is rejected.
@@ -63,7 +63,7 @@ impl Axis {
         Ok(())
     }
 
-    /// Withdraws the change of the preferred model that waits, because an operator does not want it.
+    /// Withdraws the waiting change of the preferred model at an operator's request.
     pub(in crate::compensation) fn withdraw(&mut self) {
         self.preference.withdraw();
         self.due = None;
@@ -85,8 +85,8 @@ impl Axis {
         self.preference = kept.clone();
     }
 
-    /// Carries out the change of the preferred model that may take effect in this step, if Cz can be kept. Otherwise it
-    /// waits. `at_datum`: whether a datum (zero point of Cz) has just been captured.
+    /// Carries out the waiting change of the preferred model if it may take effect in this step and Cz can be kept.
+    /// Otherwise the change waits. `at_datum`: whether a datum (zero point of Cz) has just been captured.
     pub(super) fn change_preferred(
         &mut self,
         (snapshot, machine): (&Snapshot<'_>, &Machine),

@@ -10,14 +10,14 @@ use crate::compensation::{Snapshot, reference::Machine};
 use crate::quantity::Moment;
 use crate::reading::SignalId;
 
-/// Check of one model's sensors. `watch` is `None` for a model without stand-ins.
+/// Check of one model's sensors. `watch` is `None` for a model without stand-ins (estimates from other sensors).
 #[derive(Clone, Debug)]
 pub(in crate::compensation) struct ModelWatch {
     /// Signals that the model reads.
     reads: Vec<SignalId>,
     pub(in crate::compensation) watch: Option<Watch>,
-    /// Substitutes for readings: those of the model's own watch, and sensors that another model's watch knows to be
-    /// lost. Their number never exceeds that of the sensors of all watches.
+    /// Substitutes for readings: those of the model's own watch (sensor check), and those for sensors that the watch of
+    /// another model has found lost. The capacity is sufficient for the sensors of all watches.
     substitutions: Vec<Substitution>,
 }
 
@@ -80,8 +80,9 @@ impl Axis {
         self.present();
     }
 
-    /// Collects the substitutes for each model: those of its own watch, and sensors without a value that another
-    /// model's watch knows to be lost. Each watch decides about a frozen sensor for its own model only.
+    /// Collects the substitutes for each model: those of its own watch (sensor check), and one without a value for each
+    /// sensor that the watch of another model has found lost. A watch decides about a frozen sensor for its own model
+    /// only.
     fn present(&mut self) {
         for place in 0..self.watched.len() {
             let mut substitution = std::mem::take(&mut self.watched[place].substitutions);
@@ -104,7 +105,7 @@ impl Axis {
             .filter_map(|(model, watched)| Some((model.stand_ins.as_ref()?, model, watched.watch.as_mut()?)))
     }
 
-    /// Returns the watch of each model that has one, with its settings.
+    /// Returns the watch (sensor check) of each model that has one, together with the model's virtual sensors.
     fn watches(&self) -> impl Iterator<Item = (&StandIns, &Watch)> {
         let models = self.settings.models.iter().zip(&self.watched);
         models.filter_map(|(model, watched)| model.stand_ins.as_ref().zip(watched.watch.as_ref()))
@@ -118,7 +119,8 @@ impl Axis {
         unknown.find(|substitution| watched.reads.contains(&substitution.signal))
     }
 
-    /// Returns a sensor of the model that a stand-in replaces; `None` if there is none.
+    /// Returns a sensor of the model that a stand-in (estimate from other sensors) replaces; `None` if no sensor is
+    /// replaced.
     pub(super) fn substituted(&self, place: usize) -> Option<SubstitutedSensor> {
         let reads = &self.watched.get(place)?.reads;
         let mut found = self.rejected_in(place).filter(|found| reads.contains(&found.signal));
@@ -127,7 +129,7 @@ impl Axis {
         })
     }
 
-    /// Returns the sensors that the watch of this model rejects; none if it has no watch.
+    /// Returns the sensors that the watch (sensor check) of this model rejects; no sensors if the model has no watch.
     fn rejected_in(&self, place: usize) -> impl Iterator<Item = RejectedSensor> {
         let watch = self.watched.get(place).and_then(|watched| watched.watch.as_ref());
         let settings = self.settings.models.get(place).and_then(|model| model.stand_ins.as_ref());
@@ -154,7 +156,7 @@ impl Axis {
         })
     }
 
-    /// Returns whether a watch of the axis rejects the reading of this signal.
+    /// Returns whether the watch (sensor check) of at least one model of the axis rejects the reading of this signal.
     pub(in crate::compensation) fn rejects(&self, signal: SignalId) -> bool {
         self.watches()
             .any(|(_, watch)| watch.substitutions().iter().any(|substitution| substitution.signal == signal))

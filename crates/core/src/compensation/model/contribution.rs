@@ -9,7 +9,7 @@ use crate::compensation::substitution::Substitution;
 use crate::quantity::Micron;
 use crate::reading::{Reading, SignalId};
 
-/// Time after which every lag has settled.
+/// Elapsed time with which every lag is calculated as settled: the lagged temperature equals the reading.
 const SETTLED: Duration = Duration::from_hours(100 * 7 * 24);
 
 /// Contribution of one signal to the Cz of a model.

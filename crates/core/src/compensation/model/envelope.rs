@@ -58,7 +58,7 @@ pub struct Identified {
 }
 
 impl Identified {
-    /// Returns the distance of this value of the input from its range, as a share of the width of the range; negative
+    /// Returns the distance of the input's value `rise` from the range, as a share of the range's width; negative
     /// inside.
     fn beyond(&self, rise: f64) -> f64 {
         let (min, max) = self.range;
@@ -88,7 +88,8 @@ pub enum BadEnvelope {
     Size,
     /// Range and mean of this input are not `min ≤ mean ≤ max` with `min < max`, all finite.
     Range(usize),
-    /// The covariance of these two inputs differs from the one in the opposite order.
+    /// The covariance matrix is not symmetric: the element for these two inputs differs from the element in the
+    /// opposite order.
     NotSymmetric(usize, usize),
     /// The covariance is not positive definite: this input does not vary, or is a linear combination of the inputs
     /// before it.

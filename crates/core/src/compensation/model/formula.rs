@@ -205,13 +205,13 @@ impl Evaluate for Formula {
 /// Condition over signals, for interlocks and fault bits.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Condition {
-    /// Condition as the profile contains it.
+    /// Text of the condition, as the profile contains it.
     pub text: String,
     expression: Expression,
 }
 
 impl Condition {
-    /// Parses a condition over signals. `resolve` returns the signal of a name; `None` if there is none.
+    /// Parses a condition over signals. `resolve` returns the signal of a name; `None` if no signal has this name.
     ///
     /// # Errors
     /// Returns the byte position of the mistake in the text, and a message.

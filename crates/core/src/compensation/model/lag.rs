@@ -82,7 +82,7 @@ pub struct Lagged {
     input: f64,
     /// Lagged temperature y.
     follower: f64,
-    /// Value of y from which the rise of y is measured.
+    /// Lagged temperature at the reference. The lagged rise is measured from this value.
     from: f64,
     /// Time at which the capture of the reference that gave `from` was complete.
     captured: Moment,
@@ -174,8 +174,8 @@ impl Lag {
         self.lagged.as_ref().and_then(Lagged::rise)
     }
 
-    /// Returns the lagged rise if the lag has already been updated with this snapshot, which is so in every step; else
-    /// `None`.
+    /// Returns the lagged rise if the lag has already been updated with this snapshot; else `None`. In every step, the
+    /// lag is updated before.
     #[inline]
     pub(super) fn risen(&self, snapshot: &Snapshot<'_>) -> Option<Celsius> {
         self.lagged.as_ref().filter(|_| self.is_abreast && snapshot.is_followed)?.rise()
@@ -191,7 +191,8 @@ impl Lagged {
         [self.input, self.follower, self.from].iter().all(|value| value.is_finite())
     }
 
-    /// Returns the state with both temperatures older by `span`.
+    /// Returns the state with its time moved back by `span`, in which the gateway did not run. The next update then
+    /// includes this pause.
     pub(in crate::compensation) fn away(self, span: Duration) -> Lagged {
         Lagged { at: self.at.before(span), ..self }
     }
@@ -245,7 +246,8 @@ impl Lagged {
     }
 }
 
-/// Share of a time constant below which a polynomial is as exact as a double can be, and several times as fast.
+/// Share of a time constant below which a polynomial replaces the exponential function. The polynomial has full double
+/// precision there, and is several times as fast.
 const SHORT: f64 = 1.0 / 32.0;
 
 /// Returns the change of y in a time that is the share x of the time constant: `(1 − e^−x)·behind + (1 − (1 −
@@ -259,7 +261,7 @@ fn long(share: f64, behind: f64, moved: f64) -> f64 {
 }
 
 /// Returns the change of y as [`long`] does, for a share x below [`SHORT`]. With `p = (x − 1 + e^−x)/x²`, the two
-/// factors are `x·(1 − x·p)` and `x·p`. Therefore few operations depend on each other.
+/// factors are `x·(1 − x·p)` and `x·p`. In this form, few operations have to wait for each other's results.
 #[inline]
 fn short(share: f64, behind: f64, moved: f64) -> f64 {
     let straight = share * behind;

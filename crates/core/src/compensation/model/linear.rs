@@ -17,7 +17,7 @@ pub struct Linear {
     pub offset: Micron,
     /// Terms whose sum is added to the offset.
     pub terms: Vec<Term>,
-    /// Part of Cz that is proportional to the distance from a reference position; `None` without one.
+    /// Part of Cz that is proportional to the distance from a reference position; `None` if the model has no such part.
     pub slope: Option<Slope>,
 }
 

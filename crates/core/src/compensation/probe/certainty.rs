@@ -23,10 +23,11 @@ use crate::quantity::{Micron, Moment, shifted};
 
 /// Largest residual that is accepted at once, in standard deviations.
 const ACCEPTED_AT_ONCE: f64 = 4.0;
-/// Largest variance of a correction, µm². No error reaches a metre, and the limit keeps the variance finite.
+/// Largest variance of a correction, µm². This is the square of one metre, which no error reaches. The limit keeps the
+/// variance finite.
 const LARGEST: f64 = 1e12;
 
-/// Certainty of one model's correction.
+/// Certainty of one model's correction: its variance, the time of the last accepted probing, and a doubted residual.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(super) struct Certainty {
     /// Variance P of the correction after the last accepted probing, µm². `None` if no probing was accepted since the
@@ -34,7 +35,7 @@ pub(super) struct Certainty {
     variance: Option<f64>,
     /// Time of the last accepted probing; `None` if no probing was accepted since the datum (zero point).
     touched: Option<Moment>,
-    /// Residual that waits for another one that agrees with it, µm; `None` if none waits.
+    /// Doubted residual, µm, which waits for a second residual that agrees with it. `None` if no residual waits.
     doubted: Option<f64>,
 }
 

@@ -17,7 +17,7 @@ use serde::{Deserialize, Serialize};
 
 /// Maximum number of touches from which the scale is calculated.
 const KEPT: usize = 24;
-/// Weight of the commissioning, in touches.
+/// Weight of the error that was identified at commissioning, as a number of touches (probings).
 const COMMISSIONED: f64 = 8.0;
 
 /// Residuals of the last touches, each as its square in units of the expected variance.
@@ -41,9 +41,8 @@ impl ErrorScale {
         self.ratios.extend(kept.ratios.iter().copied().skip(skipped).filter(|ratio| is_ratio(*ratio)));
     }
 
-    /// Adds a touch: its residual, µm, the variance of the model that was expected without the scale, µm², and the
-    /// standard deviation of the touch itself, µm. A touch for which no error was expected shows nothing about the
-    /// scale.
+    /// Adds a touch: its residual, µm, the expected variance of the model before scaling, µm², and the standard
+    /// deviation of the touch itself, µm. A touch with an expected variance of zero is ignored.
     pub fn take(&mut self, residual: f64, variance: f64, repeat: f64) {
         let ratio = residual * residual / (variance + repeat * repeat);
         if variance <= 0.0 || !is_ratio(ratio) {
@@ -70,7 +69,7 @@ impl ErrorScale {
         self.ratios.is_empty()
     }
 
-    /// Discards all touches.
+    /// Discards all touches (probings), so that the scale is 1 again.
     pub(super) fn clear(&mut self) {
         self.ratios.clear();
     }

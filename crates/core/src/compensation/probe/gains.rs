@@ -138,7 +138,7 @@ impl Gains {
         }
     }
 
-    /// Sets the offset, µm, and resets its variance.
+    /// Sets the estimated offset b, µm, and resets its variance to the start value.
     pub(super) fn begin_at(&mut self, offset: f64) {
         let size = self.bounds.len();
         let last = size - 1;

@@ -11,10 +11,10 @@ use crate::compensation::model::{Model, Reference};
 use crate::compensation::settings::ProbeSettings;
 use crate::quantity::{Micron, Moment, shifted};
 
-/// Correction of one model from probings.
+/// Correction of one model from probings: an offset, corrections of the gains, and their certainty.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(in crate::compensation) struct Learned {
-    /// Name of the model.
+    /// Name of the model that is corrected.
     model: String,
     /// Offset and gains of the model in the profile for which the correction was found.
     corrects: Vec<f64>,
@@ -92,7 +92,7 @@ impl Learned {
     }
 
     /// Updates the correction with a probing that demands a correction of `wanted` µm. If the probing is not accepted,
-    /// it is only stored as doubted. `expected`: expected variance of the residual without its scale, µm², if known.
+    /// it is only stored as doubted. `expected`: expected variance of the residual before scaling, µm², if known.
     pub(in crate::compensation) fn learn(
         &mut self,
         wanted: f64,
@@ -159,8 +159,8 @@ impl Learned {
         }
     }
 
-    /// Returns the correction of the model that replaces this one. Its offset keeps Cz at the change, and the certainty
-    /// is that of this correction. The comparison and the scale of the expected error start again.
+    /// Returns the correction of the model that replaces this one. Its offset keeps Cz at the change. Its certainty is
+    /// the certainty of this correction. The comparison and the scale of the expected error start again.
     #[must_use]
     pub(in crate::compensation) fn moved_to(
         &self,

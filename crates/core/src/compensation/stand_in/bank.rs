@@ -17,8 +17,8 @@ const FORGOTTEN: u32 = 5;
 /// sensor and the rounding of a file.
 pub(super) const EDGE: f64 = 0.01;
 /// Tolerated distance of a predicted sensor, or of the rise of a lagged predictor, from its range, as a share of the
-/// range's width. It is large because a slow lag returns long after its sensor. It also applies to a predictor whose
-/// prediction is only the start of later comparisons.
+/// range's width. It is large because a slow lag returns long after its sensor. It also applies to the predictors of a
+/// prediction that only serves as the start value of later comparisons.
 pub(super) const FAR: f64 = 0.10;
 
 /// State of one input of the predictions.
@@ -26,7 +26,8 @@ pub(super) const FAR: f64 = 0.10;
 pub(super) struct BankInput {
     #[serde(rename = "lagged")]
     pub(super) lag: Lag,
-    /// Time at which the lag is settled. The lag is not used before, because it began on a running machine.
+    /// Time at which the lag is settled. The lag is not used before this time, because its start value on a warm
+    /// machine was unknown.
     #[serde(default)]
     pub(super) ready: Moment,
     /// Mean of the rise from the sensor's own readings in this minute.
@@ -117,8 +118,8 @@ impl BankInput {
         (envelope.beyond_range(predictor.input.signal, inputs), late)
     }
 
-    /// Returns the mean rise in this minute, and whether it comes from a stand-in; `None` if there is none, or the lag
-    /// is not settled. `frozen`: the sensor's own readings are not used.
+    /// Returns the mean rise in this minute, and `true` if the rise comes from a stand-in. `None` if there was no rise,
+    /// or the lag is not settled. `frozen`: the sensor's own readings are not used.
     pub(super) fn rise(&self, frozen: bool, now: Moment) -> Option<(f64, bool)> {
         let own = self.own.get().filter(|_| !frozen).map(|rise| (rise, false));
         own.or_else(|| Some((self.lent.get()?, true))).filter(|_| now >= self.ready)

@@ -6,8 +6,8 @@ use serde::{Deserialize, Serialize};
 
 use crate::quantity::{Moment, Shift, Shifted, shifted};
 
-/// Shortest time without a change after which a reading may be suspected. A loss of the sensor that lasts as long
-/// requires a check of its readings afterwards.
+/// Shortest time without a change after which a reading may be suspected. After a loss of at least this time, the
+/// readings of the sensor are checked before they are accepted.
 const SHORT: Duration = Duration::from_secs(3 * 60);
 /// Number of consecutive minutes with a predicted change that the reading does not show, after which a sensor is
 /// suspected. Other sensors may react one or two minutes earlier.
@@ -53,17 +53,18 @@ pub(super) struct Sensor {
     pub(super) renewed: bool,
 }
 
-/// Recovery of a sensor that was frozen or lost. In the serialised form, its keys are among those of the sensor.
+/// Recovery of a sensor that was frozen or lost. In the serialised form, the fields of the recovery are fields of the
+/// sensor.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 struct Recovery {
     /// Whether the reading has changed since the sensor froze, or is back after a loss.
     moved: bool,
-    /// Time since which the reading agrees with the prediction again; `None` if it does not.
+    /// Time since which the reading agrees with the prediction again; `None` if the reading does not agree.
     agrees: Option<Moment>,
     /// Whether there was a prediction during the loss of the sensor, after its first three minutes.
     #[serde(default)]
     was_predicted: bool,
-    /// Time since which the sensor has had readings again without a prediction to check them; `None` if this is not so.
+    /// Time since which the sensor has had readings again, but no prediction to check them. `None` in all other cases.
     #[serde(default)]
     unproven: Option<Moment>,
 }
@@ -83,7 +84,7 @@ pub(super) struct Predicted {
     pub(super) inside: bool,
 }
 
-/// Returns the value of `inside` for a saved state without it.
+/// Returns `true`: value of the field `inside` for a saved state without this field.
 fn yes() -> bool {
     true
 }
@@ -95,8 +96,8 @@ pub(super) enum Prediction {
     Known(Predicted),
     /// At least one predictor had no value.
     Missing,
-    /// A predictor is beyond the range on which the model was identified, or the sensor is far beyond its own. Contains
-    /// the predicted rise if nothing is far beyond.
+    /// A predictor is beyond the range on which the model was identified, or the sensor is far beyond its range.
+    /// Contains the predicted rise if neither the sensor nor a predictor is far beyond its range.
     Outside(Option<f64>),
 }
 
@@ -213,8 +214,8 @@ impl Sensor {
     }
 
     /// Returns the predicted rise that the stand-in uses; `None` if there is no stand-in. For a frozen sensor, the last
-    /// prediction is used while a sensor is beyond its range. It is also used for ten minutes while a predictor is
-    /// missing.
+    /// prediction is used while a sensor is beyond its range. The last prediction is also used for ten minutes while a
+    /// predictor is missing.
     pub(super) fn stand_in(&self, now: Moment) -> Option<f64> {
         let serves =
             |last: &TimedPrediction| self.is_frozen() && (self.outside || now.since(last.at) < BRIDGED);

@@ -138,7 +138,7 @@ fn place(tensor: &[u8]) -> Result<Place<'_>, String> {
 }
 
 /// Returns the name of a file without parts such as `./`, because a file under several names would be read several
-/// times. `None` if the name is not that of a file in the directory or below it.
+/// times. `None` if the name leads out of the directory of the ONNX file.
 fn inside(name: &str) -> Option<String> {
     let mut parts = Vec::new();
     for part in Path::new(name).components() {

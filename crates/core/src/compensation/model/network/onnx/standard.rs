@@ -91,7 +91,7 @@ fn rewrite_graph(bytes: &[u8], columns: &[&str], external: &mut External<'_>) ->
     Ok(graph)
 }
 
-/// Returns the input tensors that the file does not contain itself.
+/// Returns the input tensors whose numbers the file does not contain.
 fn inputs(graph: &[u8]) -> Vec<&[u8]> {
     // Old files declare the tensors that they contain as inputs too.
     let given: HashSet<&str> = parts(graph, 5).map(|tensor| last_text(tensor, 8)).collect();
@@ -378,7 +378,8 @@ impl<'a> Node<'a> {
             .ok_or_else(|| self.refused("has too few inputs: export the network again"))
     }
 
-    /// Returns the name of a tensor that belongs to the replacement of this node.
+    /// Returns a unique name for a tensor of the replacement of this node. `part` distinguishes the tensors of one
+    /// node.
     fn part(&self, part: &str) -> String {
         format!("isotherm:{}:{part}", self.output)
     }

@@ -59,7 +59,8 @@ pub(super) fn check_tensors(bytes: &[u8]) -> Result<(), String> {
 /// Computes every node once, with the inputs of the network in `input`.
 ///
 /// # Errors
-/// Returns a message if a node cannot be computed, or requires more computed numbers than a file of this size may.
+/// Returns a message if a node cannot be computed, or requires more computed numbers than allowed for a file of this
+/// size.
 pub(super) fn run(bytes: &[u8], graph: &Graph, input: Value, options: &RunOptions) -> Result<(), String> {
     let Graph { model, .. } = graph;
     let may = (bytes.len() as u64).saturating_mul(PER_BYTE).saturating_add(BESIDE);
