@@ -40,8 +40,8 @@ const NANOS_OF_A_DAY: u64 = 24 * 3600 * 1_000_000_000;
 /// touches.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct JudgedDay {
-    /// Time of the day's datum, the zero point from which its touches are measured. If the day has several, the last
-    /// one.
+    /// Time of the day's datum, the zero point from which its touches are measured. If the day has several zero points,
+    /// the time of the last one.
     pub begins: Moment,
     /// Number of touches (probings) of the day.
     pub touches: u32,
@@ -89,11 +89,12 @@ pub struct Offer {
     pub runs: usize,
     /// Terms, whose sum is Cz.
     pub terms: Vec<OfferedTerm>,
-    /// Judgement of the candidate against the model in use.
+    /// Comparison of the candidate with the model in use, over the last judged days.
     pub judgement: Judgement,
     /// Name of the learned model with which the candidate was compared; `None` if that was the model of the profile.
     pub compared_with: Option<String>,
-    /// Fingerprint of the models in the profile at the time of the comparison. Empty if the axis did not learn then.
+    /// Fingerprint of the models in the profile at the time of the comparison. Empty if the axis did not learn a model
+    /// at that time.
     pub own: String,
 }
 
@@ -103,7 +104,7 @@ pub struct Offer {
 pub struct OfferedTerm {
     /// Name of the signal in the profile.
     pub signal: String,
-    /// Time constant, s; 0 means no lag.
+    /// Time constant of the input's lag behind its signal, s; 0 means no lag.
     pub lag_s: f64,
     /// Whether the input is the square of the signal.
     pub squared: bool,
@@ -131,10 +132,10 @@ pub struct Occasion {
     pub at_datum: bool,
 }
 
-/// Next step with a candidate.
+/// Next step with a candidate: keep the model in use, propose the candidate, or adopt it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Step {
-    /// The model in use stays.
+    /// The axis keeps the model in use.
     Keep,
     /// The candidate is better. The operator is asked.
     Propose(Gain),
@@ -149,7 +150,7 @@ impl JudgedDay {
         self.begins.as_nanos() / NANOS_OF_A_DAY == other.begins.as_nanos() / NANOS_OF_A_DAY
     }
 
-    /// Returns this day with another run of it.
+    /// Returns this day combined with another run of the same day. Each touch has the same weight.
     fn with(&self, run: JudgedDay) -> JudgedDay {
         let (own, others) = (f64::from(self.touches), f64::from(run.touches));
         let mean = |own_square: f64, square: f64| (own * own_square + others * square) / (own + others);
@@ -187,7 +188,7 @@ impl Judgement {
         self.days.iter()
     }
 
-    /// Returns the residual errors over the judged days; `None` before the first.
+    /// Returns the residual errors over the judged days; `None` if no day has been judged.
     pub fn gain(&self) -> Option<Gain> {
         let since = self.days.front()?.begins;
         let rms = |of: fn(&JudgedDay) -> f64| {

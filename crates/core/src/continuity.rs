@@ -32,7 +32,7 @@ const SILENT_REQUESTS: u32 = 2;
 /// Shortest time without an answer that counts as a break of continuity, in poll periods.
 const SILENT_PERIODS: u32 = 2;
 
-/// State of a device: whether it is known to be the device, with the settings, that passed its checks.
+/// State of a device: whether it is still the device that passed its checks, with the same settings.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Continuity {
     /// The device has no checks, or it has passed them and contact with it has not been lost since.
@@ -64,7 +64,7 @@ pub enum Break {
     InterfaceDown,
     /// The device was restarted.
     Restarted,
-    /// The machine was switched on, and perhaps the device with it.
+    /// The machine was switched on, so the device may have been switched on or restarted too.
     MachineOn,
     /// The computer was paused or overloaded for too long.
     Pause,
@@ -103,9 +103,9 @@ pub enum CheckFailure {
 /// Means by which the gateway recognises a device.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Identity {
-    /// The device has no checks.
+    /// The device has no checks, so nothing identifies it.
     None,
-    /// The device has checks.
+    /// The device has checks: values in the device that must be those of the profile.
     Checks,
 }
 
@@ -123,7 +123,7 @@ pub struct DeviceContinuity {
     /// Number of breaks of continuity that may have reset the settings of the device. A pause of the computer and a
     /// machine start are not among them.
     resets: u64,
-    /// Time of the last answer.
+    /// Time of the last answer of the device, also of an answer that refuses a request.
     answered: Moment,
     /// Time of the last answer with the requested data.
     delivered: Moment,

@@ -32,7 +32,7 @@ pub enum KnownCz {
     Unreachable,
 }
 
-/// Displayed state of an axis.
+/// Displayed state of an axis, for the web page, JSON and metrics.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Display {
     /// The axis is off, because the profile has no model for it.
@@ -57,7 +57,7 @@ pub enum Display {
     Unreachable,
 }
 
-/// Severity of a displayed state. The web page shows each severity with its own colour and sign.
+/// Severity of a displayed state. The web page shows each severity with a colour and an icon of its own.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Tone {
     /// The axis is compensated.

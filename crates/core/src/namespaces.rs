@@ -64,8 +64,8 @@ pub enum Located {
     Gone,
     /// The server has the stored namespace at more than one index.
     Ambiguous,
-    /// The server has the stored namespace at another index, but the profile may mean the namespace that is now at its
-    /// own index.
+    /// The server has the stored namespace at another index, but the profile may mean the namespace that is now at the
+    /// index of the profile.
     Unclear,
 }
 

@@ -46,13 +46,14 @@
 //! under way like any other.
 //!
 //! # Meaning of a read
-//! The value read is compared with the last value whose write was answered as done, or else with the last verified one.
+//! The value read is compared with the value of the last acknowledged write. If there is none, it is compared with the
+//! last verified value.
 //!
 //! | the read shows | whole register | shared register |
 //! |---|---|---|
 //! | the same | nothing new | nothing new |
-//! | the same, after another client has made as many small changes as the gateway, each soon after one of its own | | doubt: a second gateway |
-//! | the value before a write that was answered as done | the device did not apply the write: sent again | the same |
+//! | the same, after another client has made as many small changes as the gateway, each soon after a change of the gateway | | doubt: a second gateway |
+//! | the value before a write that was acknowledged | the device did not apply the write: sent again | the same |
 //! | a value under way | the gateway's write: the axis resumes from it | the gateway's write: the share changes. Doubt: a zero with a base, or a value more than the limit from the base |
 //! | a value that should no longer arrive | the gateway's write, very late | doubt: the operator's or the gateway's |
 //! | zero | CNC restarted: the axis resumes from zero | CNC restarted: base 0, share 0 |

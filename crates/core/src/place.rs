@@ -28,7 +28,7 @@ const NOTHING_UM: f64 = 0.05;
 /// Part of a place. The parts are in order: a change of the first one is the most serious.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Part {
-    /// Address of the bus.
+    /// Address of the bus to which the device is connected.
     Bus,
     /// Unit or node number of the device.
     Unit,
@@ -42,7 +42,7 @@ pub enum Part {
     Bias,
     /// Engineering value of a raw count of zero.
     Offset,
-    /// Owner of the register.
+    /// Owner of the register: the gateway or the operator.
     Share,
     /// Quantity that the output writes, for example an offset.
     Writes,
@@ -95,7 +95,7 @@ pub struct OutputPlace {
     pub scale: f64,
     /// Number that is added to the raw count before it is sent.
     pub bias: i64,
-    /// Owner of the register.
+    /// Owner of the register: the gateway or the operator.
     pub share: Owner,
     /// Quantity that the output writes, for example an offset.
     pub writes: String,
@@ -109,7 +109,7 @@ pub struct OutputPlace {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SignalPlace {
-    /// Address of the bus.
+    /// Address of the bus to which the device is connected.
     pub bus: String,
     /// Unit or node number of the device.
     pub unit: u8,
@@ -136,8 +136,8 @@ impl OutputPlace {
         (&self.bus, self.unit, &self.address) == (&other.bus, other.unit, &other.address)
     }
 
-    /// Returns whether the output writes a corrected position: a position that was read, plus Cz. It is written again
-    /// for each new position.
+    /// Returns whether the output writes a corrected position: a position that was read, plus Cz. The output is written
+    /// again for each new position.
     pub fn is_corrected_position(&self) -> bool {
         self.writes == "corrected"
     }
@@ -204,7 +204,7 @@ pub enum PlaceComparison {
 /// Difference between the saved place of an output or signal and its place in the profile.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct MovedPlace {
-    /// Most serious part that differs.
+    /// Most serious part that differs, in the order of [`Part`].
     pub what: Part,
     /// Former values of all parts that differ.
     pub was: String,
@@ -287,7 +287,8 @@ pub struct FormerPlace {
     /// program.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub bounds: Option<Bounds>,
-    /// Cz that a release found in the register, if it differed from the last verified one, µm.
+    /// Cz that a release (return of the register to its base value) found, µm, if it differed from the last verified
+    /// Cz.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub found_um: Option<f64>,
 }
@@ -349,8 +350,8 @@ impl FormerPlace {
         all
     }
 
-    /// Adds to `axes` each axis with a new output, if the removed output may have left a Cz in its former register. Both
-    /// would act together. Does nothing if the profile still has the output.
+    /// Adds to `axes` each axis with a new output, if the removed output may have left a Cz in its former register. The
+    /// former Cz and the Cz of the new output would act together. Does nothing if the profile still has the output.
     fn bar_new_outputs(
         &mut self,
         found: &BTreeMap<String, PlaceComparison>,
@@ -403,8 +404,9 @@ impl FormerPlace {
     }
 }
 
-/// Returns the axes whose new outputs could repeat the effect of the removed output. These are its own axis, and axes
-/// with a new output in its register. If the profile no longer has its own axis, these are all axes with a new output.
+/// Returns the axes whose new outputs could repeat the effect of the removed output. These are the axis of the removed
+/// output, and axes with a new output in its register. If the profile no longer has the former axis, these are all axes
+/// with a new output.
 fn axes_with_new_outputs(
     removed: &OutputPlace,
     found: &BTreeMap<String, PlaceComparison>,

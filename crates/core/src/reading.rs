@@ -124,7 +124,7 @@ pub enum Remedy {
     DeviceSettings,
     /// The device reports a fault of the sensor: the operator repairs the sensor or its wiring.
     Sensor,
-    /// The lines of the signal do not fit the device: the operator corrects the profile.
+    /// The settings of the signal in the profile do not fit the device: the operator corrects the profile.
     Profile,
 }
 

@@ -13,12 +13,12 @@ use super::checksum;
 const LONGEST: usize = 255;
 /// Smallest number of bytes in a frame: unit, function, LRC.
 const SHORTEST: usize = 3;
-/// Byte that stands for characters outside of valid frames. RTU takes it for noise.
+/// Byte that replaces characters outside of valid frames. The code for RTU discards this byte as noise.
 const NOISE: u8 = 0;
-/// Bytes of the checksum of an RTU frame.
+/// Length of the checksum of an RTU frame, in bytes.
 const CRC: usize = 2;
 
-/// Converts a frame of RTU to ASCII. A frame with a wrong checksum gets a wrong one.
+/// Converts a frame of RTU to ASCII. If the RTU checksum is wrong, the ASCII checksum is wrong too.
 pub fn ascii_frame(rtu: &[u8]) -> Vec<u8> {
     let (content, sum) = rtu.split_at(rtu.len().saturating_sub(CRC));
     let is_right = checksum(content).to_le_bytes() == *sum;
@@ -41,7 +41,7 @@ fn digit(value: u8) -> u8 {
     if value < 10 { b'0' + value } else { b'A' + value - 10 }
 }
 
-/// Value of a hexadecimal digit. Some devices send lower-case letters.
+/// Returns the value of a hexadecimal digit. Lower-case letters are accepted, because some devices send them.
 fn value(digit: u8) -> Option<u8> {
     match digit {
         b'0'..=b'9' => Some(digit - b'0'),
@@ -60,8 +60,8 @@ pub struct AsciiFrames {
 
 impl AsciiFrames {
     /// Adds received characters. Appends the frames that are complete to `rtu`. An invalid frame becomes noise of its
-    /// length, and a character outside of frames one byte of noise. The highest bit of a character is ignored, because
-    /// it may be a parity bit.
+    /// length. Each character outside of frames becomes one byte of noise. The highest bit of a character is ignored,
+    /// because it may be a parity bit.
     pub fn push(&mut self, characters: &[u8], rtu: &mut Vec<u8>) {
         for character in characters {
             match character & 0x7f {

@@ -6,7 +6,7 @@ use std::fmt;
 use super::Encoding;
 use crate::quantity::Micron;
 
-/// View of a control on the registers of one output.
+/// View of a control (CNC) on the registers of one output.
 ///
 /// The gateway converts µm into registers with the settings of the merged profile. This view converts the registers
 /// back into µm with the settings of the profile file alone. [`ControlView::admit`] compares the two directly before
@@ -17,8 +17,8 @@ use crate::quantity::Micron;
 ///   word order;
 /// - rounding of the calculation that exceeds the limit by more than half a count;
 /// - a scale, bias, diameter or limit that differs from the profile file, for any reason;
-/// - a gateway share whose distance from the operator offset exceeds the limit, or a corrected position whose distance
-///   from the position does.
+/// - a gateway share (the gateway's part of a shared register) that exceeds the limit;
+/// - a corrected position whose distance from the measured position exceeds the limit.
 ///
 /// The check cannot detect a wrong scale in the profile file, or other settings in the control, because the gateway has
 /// no other source. A control that reports the applied value (`read_back`) reveals both faults.

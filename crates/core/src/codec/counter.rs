@@ -10,7 +10,7 @@ use std::time::Duration;
 use super::{DataType, Encoded, Encoding};
 use crate::quantity::{Counts, Moment};
 
-/// Settings of a signal that counts.
+/// Settings of a signal whose value is a counter.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Counter {
     /// Largest speed of the axis, in the signal's unit per second.
@@ -20,7 +20,7 @@ pub struct Counter {
     pub slack: Duration,
 }
 
-/// State of a signal that counts: last count, position, and a value that waits for confirmation.
+/// State of a signal whose value is a counter: last count, position, and a value that waits for confirmation.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Tracked {
     last: Option<CounterSample>,
@@ -32,7 +32,7 @@ pub struct Tracked {
 struct CounterSample {
     /// Count in the register, mapped to a range with zero in its middle.
     count: i64,
-    /// Count with the rollovers since the first reading added.
+    /// Count plus all rollovers since the first reading.
     position: i64,
     at: Moment,
 }
@@ -68,7 +68,7 @@ impl Counter {
     }
 
     /// Returns the registers in which a counter shows this value. After its last count, the counter starts again at its
-    /// first one. A value that is no counter is encoded as any other.
+    /// first one. A value that is not a counter is encoded as [`Encoding::encode`] does.
     pub fn registers(encoding: &Encoding, value: f64) -> Encoded {
         let (Some(modulus), Some((low, _))) =
             (Counter::modulus(encoding.data_type), encoding.range_of_counts())

@@ -34,7 +34,7 @@ pub enum DataType {
     Decimal24(u8),
     /// Binary-coded decimal without a sign: this number of digits (4 or 8), with four bits each.
     Bcd(u8),
-    /// Sign and magnitude in this number of bits (16 or 32). The highest bit is the sign; one is negative.
+    /// Sign and magnitude in this number of bits (16 or 32). The highest bit is the sign: 1 means a negative number.
     SignMagnitude(u8),
     /// Unsigned integer of this number of bits (1 to 64), in a CAN frame, a CANopen object or registers. Widths with a
     /// type of their own, such as [`DataType::U16`], use that type. Unused bits of the first register are ignored.

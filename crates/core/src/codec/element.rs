@@ -4,7 +4,7 @@ use std::fmt;
 
 /// Largest number of dimensions of an array.
 const MOST_DIMENSIONS: usize = 8;
-/// Longest text of a number.
+/// Maximum length of a text that is parsed as a number, in bytes.
 const LONGEST_NUMBER: usize = 64;
 
 /// Element of an array: one index for each dimension, from 0.

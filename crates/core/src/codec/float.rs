@@ -8,7 +8,7 @@ pub(super) fn same(a: f64, b: f64) -> bool {
     a == b
 }
 
-/// Converts a raw count to a float. Counts beyond 2^53 lose their last digits, but no real scale has so many counts.
+/// Converts a raw count to a float. Counts beyond 2^53 lose their last digits. No real device sends such large counts.
 #[allow(clippy::cast_precision_loss)]
 pub(super) fn as_float(raw: i128) -> f64 {
     match i64::try_from(raw) {

@@ -118,7 +118,7 @@ impl Node {
     /// Converts a value from the server into registers, most significant first.
     ///
     /// # Errors
-    /// [`Reason::WrongType`] if the type differs from the one in the profile.
+    /// [`Reason::WrongType`] if the type differs from the type in the profile.
     pub fn registers(&self, found: Scalar) -> Result<Encoded, Reason> {
         match self.data_type {
             None => Ok(DataType::F64.encode(found.value().to_bits())),

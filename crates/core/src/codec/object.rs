@@ -7,9 +7,9 @@ use super::{DataType, Encoded};
 /// Entry of the object dictionary of a CANopen node. Formatted in the notation of the profile: `7130:01`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct Entry {
-    /// Index of the object.
+    /// Index of the object in the dictionary, for example 0x7130.
     pub index: u16,
-    /// Sub-index of the object's entry.
+    /// Sub-index of the entry within the object.
     pub sub: u8,
 }
 

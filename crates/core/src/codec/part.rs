@@ -76,7 +76,7 @@ impl Part {
         }
     }
 
-    /// Returns the bits of the part, set to one in the registers.
+    /// Returns a mask of the registers: the bits of the part are one, all other bits are zero.
     pub const fn mask(self) -> u64 {
         ((1 << self.length()) - 1) << self.first
     }
@@ -92,7 +92,8 @@ impl Part {
         }
     }
 
-    /// Returns the bits of the registers for the lowest bits of a count. The other bits of the registers are zero.
+    /// Returns the bits of the registers that contain the lowest bits of this count as the part. All other bits are
+    /// zero.
     pub(super) const fn placed(self, count: u64) -> u64 {
         count << self.first & self.mask()
     }

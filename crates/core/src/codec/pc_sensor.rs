@@ -35,7 +35,8 @@ pub struct Channel {
 }
 
 impl PcSensor {
-    /// Name that the kernel gives to every 1-Wire sensor in hwmon. There a wrong checksum looks like any other error.
+    /// Name that the kernel gives to every 1-Wire sensor in hwmon. In hwmon, a wrong checksum cannot be distinguished
+    /// from other errors.
     pub const ONE_WIRE_IN_HWMON: &str = "w1_slave_temp";
 
     /// Returns whether the sensor is a DS18B20 or related to it. Such a sensor measures from −55 to 125 °C. It shows 85

@@ -61,10 +61,10 @@ impl ScaleFrom {
     }
 }
 
-/// Exponents of one signal as they are read.
+/// Exponent of one signal: the accepted value, and the value of the last read. Two equal reads confirm a change.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct ScaleWatch {
-    /// Exponent that two reads have shown, or the first one after the start.
+    /// Exponent that is in use: the first one after the start, or a later one that two reads have confirmed.
     accepted: Option<i8>,
     /// Exponent of the last read. `None` before the first read, and after a read without an exponent.
     last: Option<i8>,
@@ -83,12 +83,13 @@ pub struct ScaleRead {
 }
 
 impl ScaleWatch {
-    /// Creates the state after a start of the gateway. `exponent` is that of the former run; `None` if it is not known.
+    /// Creates the state after a start of the gateway. `exponent` is the exponent of the former run; `None` if the
+    /// exponent is not known.
     pub fn after_start(exponent: Option<i8>) -> ScaleWatch {
         ScaleWatch { accepted: exponent, last: exponent }
     }
 
-    /// Returns the exponent that is used. `None` if none was read.
+    /// Returns the exponent that is in use. `None` if no exponent has been read.
     pub fn accepted(&self) -> Option<i8> {
         self.accepted
     }

@@ -38,7 +38,7 @@ const DECIMALS: u8 = 3;
 const LARGEST_COUNT: u16 = 200;
 /// Largest number of parts of a pattern.
 const MOST_PARTS: usize = 64;
-/// Last character of eight bits.
+/// Last character that a device can send, because a character has eight bits.
 const LAST_CHARACTER: char = '\u{ff}';
 /// Largest number of decimals that a pattern can state.
 const LARGEST_DECIMALS: u8 = 9;
@@ -72,9 +72,9 @@ enum Part {
         decimals: Option<u8>,
         width: Option<u16>,
     },
-    /// Numbers that are not used.
+    /// Numbers in the line that are not used: this many.
     Skip(u16),
-    /// Any characters: this number of them, or any number.
+    /// Any characters: exactly this many, or any number of them if `None`.
     Any(Option<u16>),
 }
 
@@ -107,7 +107,8 @@ impl TextPattern {
         if is_right { Ok(value) } else { Err(Reason::Checksum) }
     }
 
-    /// Matches the remaining parts with the line from a position on. Returns the value.
+    /// Matches the remaining parts with the line from a position on. Returns the value; `None` if the line does not
+    /// match.
     fn rest(
         &self,
         parts: &[Part],
@@ -201,7 +202,7 @@ impl TextPattern {
         Some(self.ended(literal.iter().collect::<String>() + &values))
     }
 
-    /// Returns the number of numbers that the pattern skips before its own value.
+    /// Returns how many numbers the pattern skips before the value.
     pub fn skipped(&self) -> usize {
         let before = self.parts.iter().take_while(|part| !matches!(part, Part::Number { .. }));
         before.map(|part| if let Part::Skip(count) = part { usize::from(*count) } else { 0 }).sum()

@@ -29,9 +29,9 @@ pub enum RateFault {
 /// operator has confirmed the device.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct RateFilter {
-    /// Last good value with its time; `None` if there is none. Later values are compared with it.
+    /// Last good value with its time, with which later values are compared. `None` before the first good value.
     good: Option<(f64, Moment)>,
-    /// Last value with its time, even if it was rejected; `None` if there is none.
+    /// Last value with its time, even if the value was rejected. `None` before the first value.
     last: Option<(f64, Moment)>,
     /// Number of breaks of the device's continuity when the last value arrived.
     breaks: u64,
@@ -43,7 +43,7 @@ pub struct RateFilter {
 /// Difference from the last value before a break that has not been accepted yet.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Jump {
-    /// Last value before the break.
+    /// Last value before the break of continuity.
     before: f64,
     /// Largest accepted difference from `before`.
     allowed: f64,

@@ -4,7 +4,7 @@ use crate::compensation::AxisState;
 use crate::output::ControlWord;
 
 /// Returns the control word of a set of outputs. `axes`: for each axis, whether it is armed, and its last decided
-/// state. `ends`: the gateway is shutting down with fault actions, so the word is not enabled.
+/// state. `ends`: the gateway is shutting down with fault actions, so the bit [`ControlWord::ENABLE`] is not set.
 pub fn control_word(axes: impl Iterator<Item = (bool, Option<AxisState>)>, ends: bool) -> u16 {
     let first = if ends { 0 } else { ControlWord::ENABLE };
     axes.fold(first, |word, (is_armed, state)| {

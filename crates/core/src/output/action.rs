@@ -18,7 +18,7 @@ pub enum Action {
     Read,
     /// Save the state of the output ([`State::kept`](super::State::kept)) to disk.
     Keep,
-    /// Write to the register.
+    /// Write a value to the register.
     Write {
         /// Value to write to the register.
         value: Counts,

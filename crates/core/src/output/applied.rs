@@ -23,7 +23,7 @@ pub(super) struct Applied {
     shown: AppliedState,
 }
 
-/// Whether the control applies the register value.
+/// Knowledge whether the control applies the register value.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 enum AppliedState {
@@ -71,7 +71,8 @@ impl Applied {
 
     /// Returns the time of the next read of the applied value. The first read follows a change directly. Until the
     /// settling time is over, the next reads follow at doubled intervals. After that, the applied value is read every
-    /// second if the control does not apply the register value. Otherwise it is read with the period of the axis.
+    /// second if the control does not apply the register value. If the control applies the register value, the applied
+    /// value is read with the period of the axis.
     pub(super) fn due(&self, settings: &AppliedSettings, every: Duration) -> Moment {
         let Some(TimedValue { asked: since, .. }) = self.value else { return Moment::END };
         let over = since.after(settings.settle);

@@ -1,8 +1,8 @@
 //! Controller of one output. It decides what is sent to the register, when it is sent, and what the results mean.
 //!
-//! [`step`](super::step) decides about the register. The controller works in *turns*: the line task gives the output a
-//! turn, which lasts from [`Input::Demand`](super::Input::Demand) to [`Input::TurnEnds`](super::Input::TurnEnds). The
-//! controller decides about everything around the register:
+//! [`step`](super::step) decides about the register. The controller works in *turns*: the task of the bus line gives
+//! the output a turn, which lasts from [`Input::Demand`](super::Input::Demand) to
+//! [`Input::TurnEnds`](super::Input::TurnEnds). The controller decides about everything around the register:
 //! - which decision of the axis the register step receives;
 //! - when the axis resumes from the register value;
 //! - what a failure means;
@@ -43,7 +43,7 @@ use crate::quantity::{Counts, Moment, Shift, Shifted, shifted};
 /// Capacity for the events of one input. One input never causes so many.
 pub const MOST_EVENTS: usize = 24;
 
-/// Controller of one output.
+/// Controller of one output. It contains the state of the register, and the state of its own decisions (policy).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub struct Controller {
     state: State,
@@ -157,7 +157,7 @@ impl Controller {
         self.policy.inputs.is_armed
     }
 
-    /// Returns whether the control may not have taken the register values of its output set.
+    /// Returns whether the control has perhaps not yet taken the register values of its output set.
     pub fn is_bound(&self) -> bool {
         self.policy.set != SetCommit::Taken
     }
@@ -167,8 +167,8 @@ impl Controller {
         self.state.shown(settings).verified.map_or(settings.bias, |seen| seen.value)
     }
 
-    /// Returns whether the caller must wait until the state is saved on disk: before a value is sent that must be on
-    /// disk first, or before new parts of a shared register (operator offset, gateway share) are reported.
+    /// Returns whether the caller must wait until the state is saved on disk. A value to send may have to be on disk
+    /// first. New parts of a shared register (operator offset, gateway share) are reported only after they are saved.
     pub fn must_keep(&self, settings: &Settings) -> bool {
         let mut said = self.policy.said;
         let has_to_report = is_open(&self.state, settings) && said.first(Topic::Division);
@@ -491,8 +491,8 @@ impl Controller {
         }
     }
 
-    /// Ends the turn of the output (work of the line task on it). A requested read or write that was not executed is
-    /// dropped.
+    /// Ends the turn of the output (the work of the bus line's task on it). A requested read or write that was not
+    /// executed is dropped.
     fn turn_ends(&mut self, settings: &Settings, now: Moment) {
         let given_up = match self.policy.action {
             Action::Nothing { .. } | Action::Keep => None,

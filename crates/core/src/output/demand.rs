@@ -9,7 +9,7 @@ use crate::quantity::{Counts, Moment, shifted};
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Demand {
-    /// Who armed the axis. `None` if the axis is off, and in a dry run.
+    /// Operator or profile that armed the axis. `None` if the axis is off, and in a dry run.
     pub armed: Option<Who>,
     /// Condition of the interlock.
     pub interlock: Condition,
@@ -17,7 +17,7 @@ pub struct Demand {
     pub decision: Option<OutputDecision>,
     /// Number of restarts of the control so far.
     pub restarts: u64,
-    /// Number of times so far that the computer stood still, for example suspended.
+    /// Number of pauses of the computer so far, for example because it was suspended.
     pub pauses: u64,
 }
 
@@ -66,7 +66,7 @@ pub enum Condition {
 /// Input of the controller of an output.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Input {
-    /// The turn of the output begins: the line task works on this output until [`Input::TurnEnds`].
+    /// The turn of the output begins: the task of the bus line works on this output until [`Input::TurnEnds`].
     Demand(Demand),
     /// Event of the register, its axis or its device.
     Fact(Fact),
@@ -88,7 +88,8 @@ pub enum Input {
     },
     /// Whether the control has taken the last values of the set to which the output belongs.
     Set(SetCommit),
-    /// The turn of the output (work of the line task on it) ends. Exchanges that are still pending are dropped.
+    /// The turn of the output (the work of the bus line's task on it) ends. Exchanges that are still pending are
+    /// dropped.
     TurnEnds,
 }
 
@@ -132,7 +133,7 @@ pub enum NotSent {
     Unreachable,
     /// The gateway could not build a request for the write.
     Rejected,
-    /// The line sends nothing to the device for a while (back-off), because the device did not answer.
+    /// The bus line sends nothing to the device for a while (back-off), because the device did not answer.
     BacksOff,
 }
 
@@ -143,9 +144,9 @@ pub enum SetCommit {
     /// The control has taken the register values. Also the state of an output that is written alone.
     #[default]
     Taken,
-    /// The control may not have taken the register values. No other values are sent until it has.
+    /// The control has perhaps not yet taken the register values. No other values are sent until it has taken them.
     Open,
-    /// An attempt has failed: the control has not taken the values that were sent, or may not have taken them.
+    /// An attempt has failed: the control has not taken the values that were sent, or has perhaps not taken them.
     Failed,
 }
 

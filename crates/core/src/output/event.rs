@@ -14,12 +14,12 @@ pub enum Event {
     OwnWriteArrivedLate {
         /// Register value that the late write has set.
         value: Counts,
-        /// Time of sending.
+        /// Time at which the gateway sent the write.
         sent: Moment,
     },
     /// The register value may be from a write before the start. The axis resumes from this value.
     PerhapsFromBefore {
-        /// Register value.
+        /// Register value that was read, perhaps from a write before the start.
         value: Counts,
     },
     /// The operator changed the operator offset in a shared register.
@@ -36,9 +36,9 @@ pub enum Event {
     },
     /// Another client wrote to a register that belongs to the gateway. The axis is off.
     ForeignValue {
-        /// Expected value.
+        /// Value that the gateway expected in the register.
         expected: Counts,
-        /// Register value.
+        /// Register value that was read instead of the expected one.
         found: Counts,
     },
     /// The two parts of a shared register's value (operator offset and gateway share) cannot be determined. The axis is
@@ -46,7 +46,7 @@ pub enum Event {
     Doubted {
         /// Reason why operator offset and gateway share are not certain.
         doubt: Doubt,
-        /// Register value.
+        /// Register value that was read.
         found: Counts,
         /// Gateway share (part of the value that the gateway added) that is assumed until the operator confirms it.
         share: Counts,
@@ -54,14 +54,14 @@ pub enum Event {
     /// A shared register is not zero when the gateway first uses it. The operator must confirm that all of it is the
     /// operator offset.
     FirstAccount {
-        /// Register value.
+        /// Register value that was read. If the operator confirms it, all of it is the operator offset.
         found: Counts,
     },
     /// A write was acknowledged, but the register still holds the earlier value.
     NotTaken {
         /// Value that the gateway wrote.
         wrote: Counts,
-        /// Register value.
+        /// Register value that was read after the write.
         found: Counts,
     },
     /// A late write may still arrive, and the next change would be too far from the value of that write.
@@ -87,7 +87,7 @@ pub enum Event {
     Interlocked,
     /// The interlock allows writing again.
     Released,
-    /// The turn of the output (the work of the line task on it) came too late for the last decision.
+    /// The turn of the output (the work of the bus line's task on it) came too late for the last decision.
     Late {
         /// Last moment at which the decision could have been sent.
         not_after: Moment,
@@ -97,7 +97,7 @@ pub enum Event {
         /// Reason why the axis resumes from the register value.
         cause: Cause,
     },
-    /// A write is verified.
+    /// A write is verified: a read showed the written value, or the device acknowledged the write.
     Written,
     /// The device did not take a written value, or the control did not take a set of outputs. Each failed attempt is
     /// reported.
@@ -142,9 +142,9 @@ pub enum Doubt {
     Rebooted,
     /// Twice in a row, an unanswered write was followed by a change of exactly its size.
     LikeOurOwn,
-    /// Twice in a row, the register held another value than the one that was written and acknowledged.
+    /// Twice in a row, the register held another value than the gateway had written and the device had acknowledged.
     Unsteady,
-    /// Another client has made as many small changes as the gateway, each soon after one of its own.
+    /// Another client has made as many small changes as the gateway, each soon after a change of the gateway.
     SecondGateway,
     /// The register changed while the operator armed the axis.
     ChangedWhileArming,

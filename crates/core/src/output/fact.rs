@@ -1,4 +1,4 @@
-//! Facts: the input of a step, and who arms an output.
+//! Facts: the inputs of a step, and the originator of an arming.
 
 use serde::{Deserialize, Serialize};
 
@@ -79,7 +79,7 @@ pub enum Fact {
     Paused,
 }
 
-/// Who armed the output.
+/// Originator of the arming of an output: the operator or the profile.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Who {

@@ -13,10 +13,10 @@ pub enum Follow {
     Target,
     /// The axis was instructed to resume from this register value. The request is not repeated for the same value.
     HoldAt(Counts),
-    /// The axis must resume from the verified register value, which may differ from its decision.
+    /// The axis must resume from the verified register value, which may differ from the decision of the axis.
     TakeOver(Cause),
-    /// The turn of the output (the work of the line task on it) came too late for the last decision. At the next
-    /// decision, the output has priority on its line.
+    /// The turn of the output (the work of the bus line's task on it) came too late for the last decision. At the next
+    /// decision, the output has priority on its bus line.
     Late,
     /// A change of the register waits for earlier writes that may still arrive.
     Waiting,
@@ -40,8 +40,8 @@ impl Follow {
         }
     }
 
-    /// Records that the line task came too late to send the decision. A pending request to resume from the register
-    /// value takes precedence.
+    /// Records that the task of the bus line came too late to send the decision. A pending request to resume from the
+    /// register value takes precedence.
     pub(super) fn late(&mut self) {
         if !matches!(self, Follow::TakeOver(_)) {
             *self = Follow::Late;
@@ -53,13 +53,14 @@ impl Follow {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Trouble {
-    /// The device did not answer a read, or the line backs off from the device.
+    /// The device did not answer a read, or the bus line sends nothing to the device for a while (back-off).
     Link,
     /// The device did not answer the last write, or could not be reached for it.
     Unanswered,
     /// The device refused a write, or the register does not hold the written value.
     Untaken,
-    /// Trouble of [`Trouble::Untaken`] that has lasted for more than one turn (visit of the line task to the output).
+    /// Trouble of [`Trouble::Untaken`] that has lasted for more than one turn (visit of the bus line's task to the
+    /// output).
     StillUntaken,
     /// The state of the output cannot be saved to disk.
     Disk,

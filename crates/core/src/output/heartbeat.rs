@@ -1,4 +1,5 @@
-//! Heartbeats: counters that show a control that the gateway runs and steps the axes in time.
+//! Heartbeats: counters that show a control that the gateway runs, and that it computes the decisions of the axes in
+//! time.
 
 use serde::{Deserialize, Serialize};
 
@@ -10,7 +11,7 @@ pub enum Beat {
     /// first reading.
     #[default]
     Silent,
-    /// The count does not change, because the gateway did not step the axes in time.
+    /// The count does not change, because the gateway did not compute the decisions of the axes in time.
     Stands,
     /// The count increases with each request.
     Counts,

@@ -5,7 +5,7 @@
 //!
 //! | | event |
 //! |---|---|
-//! | a | the write was answered as done, and a read requested after that answer shows the value |
+//! | a | the write was acknowledged, and a read requested after that answer shows the value |
 //! | b | the write was refused or not sent: it is not added at all |
 //! | c | one read showed another value, and a later one shows this value. In between, this was the only write of its value that could arrive. Not for zero, which a restarted CNC shows too, for an expired value, or for a write with `is_pinned` |
 //! | d | a read was requested when the write could no longer arrive. If the output cannot be read: a write begun after that time was acknowledged |
@@ -31,7 +31,7 @@ pub const MOST_REMEMBERED: usize = 24;
 pub struct InFlightWrite {
     /// Register value of the write, including the operator offset of a shared register.
     pub value: Counts,
-    /// Time of sending, for messages.
+    /// Time at which the write was sent, for messages to the operator.
     pub at: Moment,
     /// Time after the last byte was sent. The write arrives within `late` of this time, or never.
     pub left: Moment,
@@ -40,8 +40,8 @@ pub struct InFlightWrite {
     /// Time of the first read that showed another value. `None` if there was none, or if the same value was sent again
     /// since.
     pub other_seen: Option<Moment>,
-    /// Whether a read of the value does not prove that an unanswered write has arrived: the write is from before the
-    /// start, the operator may have entered the value, or the value was sent twice.
+    /// Whether a read of this value is no proof that an unanswered write has arrived. Possible reasons: the write is
+    /// from before the start, the operator may have entered the value, or the value was sent twice.
     pub is_pinned: bool,
 }
 
@@ -50,7 +50,7 @@ pub struct InFlightWrite {
 pub struct ExpiredWrite {
     /// Register value of the write, including the operator offset of a shared register.
     pub value: Counts,
-    /// Time of sending, for messages.
+    /// Time at which the write was sent, for messages to the operator.
     pub at: Moment,
     /// Time at which the value is forgotten.
     pub until: Moment,
@@ -70,15 +70,15 @@ shifted!(InFlightWrites: under_way, expired);
 shifted!(InFlightWrite: at, left, answered, other_seen);
 shifted!(ExpiredWrite: at, until);
 
-/// Result of a read, with the settings that decide which writes it ends.
+/// Result of a read, with the settings that decide which writes can no longer arrive after this read.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct ReadResult {
     pub(super) found: Counts,
     pub(super) asked: Moment,
     pub(super) late: Duration,
     pub(super) remembered: Duration,
-    /// Earliest time of a read that may prove that a write had not arrived yet. Before it, writes of the previous run
-    /// may still arrive.
+    /// Earliest time of a read that may prove that a write had not arrived yet. Before this time, writes of the
+    /// previous run may still arrive.
     pub(super) pairs_from: Moment,
     /// Value, other than zero, that a restarted CNC may show.
     pub(super) bias: Counts,
@@ -204,12 +204,13 @@ impl InFlightWrites {
         self.under_way.iter_mut().for_each(|sent| sent.is_pinned = true);
     }
 
-    /// Returns the time when the last write can no longer arrive. `None` if no write may still arrive.
+    /// Returns the time after which none of the writes can arrive any more. `None` if no write may still arrive.
     pub fn all_over(&self, late: Duration) -> Option<Moment> {
         self.under_way.iter().map(|sent| sent.left.after(late)).max()
     }
 
-    /// Returns the time when the first write can no longer arrive. `None` if no write may still arrive.
+    /// Returns the earliest time after which one of the writes can no longer arrive. `None` if no write may still
+    /// arrive.
     pub fn first_over(&self, late: Duration) -> Option<Moment> {
         self.under_way.iter().map(|sent| sent.left.after(late)).min()
     }

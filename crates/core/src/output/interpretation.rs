@@ -17,7 +17,7 @@ pub(super) enum Meaning {
     Ours { sent: Moment, is_late: bool },
     /// Unexpected value soon after a start. It may be from a late write of the previous run.
     FromBefore,
-    /// A write was answered as done, but the register still holds the earlier value.
+    /// A write was acknowledged, but the register still holds the earlier value.
     NotTaken,
     /// Value that a restarted CNC may show: zero, the bias, or after a reported restart any value within the limit.
     Restarted,

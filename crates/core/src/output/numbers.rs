@@ -75,7 +75,8 @@ impl Numbers {
         Numbers { taken: number, count: 1, refused: 0, values: Values::Same, floor: Floor::Known }
     }
 
-    /// Creates the numbers for a control that may not have taken `number`, which an earlier run wrote to its register.
+    /// Creates the numbers for a control that has perhaps not taken `number`, which an earlier run wrote to its
+    /// register.
     pub(super) fn perhaps(number: u16) -> Numbers {
         let (values, floor) = (Values::Changed, Floor::Open);
         Numbers { taken: number.saturating_sub(1), count: 1, refused: 0, values, floor }
@@ -101,7 +102,8 @@ impl Numbers {
         distance(self.taken, number).is_some_and(|place| place < REACH)
     }
 
-    /// Extends the numbers to the one after `number`. An earlier run has sent `number`, perhaps with other values.
+    /// Extends the possible numbers up to the number after `number`. An earlier run has sent `number`, perhaps with
+    /// other values.
     pub(super) fn with(self, number: u16) -> Numbers {
         let place = distance(self.taken, number).filter(|place| *place < REACH).unwrap_or_default();
         Numbers { count: self.count.max(place + 1), refused: 0, values: Values::Changed, ..self }
@@ -112,7 +114,7 @@ impl Numbers {
         self.values = Values::Changed;
     }
 
-    /// Records the result of an attempt. Returns whether it is certain that the control has taken the values that were
+    /// Records the result of an attempt. Returns true only if the control has certainly taken the values that were
     /// sent.
     pub(super) fn result(&mut self, attempt: Attempt) -> bool {
         match attempt {

@@ -15,9 +15,9 @@ use crate::quantity::{Counts, Moment};
 enum Aim {
     /// The register holds the requested value.
     There,
-    /// This value is nearer to the requested one, and may be sent.
+    /// This value is nearer to the requested value than the register value, and may be sent.
     Send(Counts),
-    /// Every value that is nearer to the requested one is too far from a write that may still arrive.
+    /// Every value that is nearer to the requested value is too far from a write that may still arrive.
     Blocked,
 }
 
@@ -95,8 +95,8 @@ pub(super) fn piggyback(state: &mut State, settings: &Settings, now: Moment) -> 
     Action::Nothing { until: until(state, settings, None, now) }
 }
 
-/// Limits the writes to disk. A register that can be read and is not shared needs no saved value. For it, only the
-/// start of the run is saved, before the first write.
+/// Limits the writes to disk. A register that can be read and is not shared needs no saved value. For such a register,
+/// only the start of the run is saved, before the first write.
 fn saves_only_what_it_must(state: &mut State, settings: &Settings) {
     let has_to_begin = !state.disk.has_begun && state.standing == ArmState::Armed;
     state.disk.is_unsaved &= settings.promises() || has_to_begin;
@@ -186,7 +186,7 @@ fn room(state: &State, settings: &Settings, current: Counts) -> SendRange {
     }
 }
 
-/// Returns whether a value is within the limit, or nearer to it than the register value.
+/// Returns whether a value is within the limit, or nearer to the limit than the register value.
 fn is_inside(settings: &Settings, current: Counts, value: Counts, centre: Counts) -> bool {
     let distance = value.abs_diff(centre);
     !settings.rules.has(Rule::Limit)

@@ -1,5 +1,5 @@
 //! Controller of a corrected position: value of each write, and meaning of the result of the write. A *turn* is one
-//! call of the controller by the line task, with its action and result.
+//! call of the controller by the task of the bus line, with its action and result.
 //!
 //! The latest position is sent at once in every armed state, even while the axis is frozen. Only its Cz follows the
 //! rules in [`PositionCz`].
@@ -30,7 +30,7 @@ const DASHES_AGAIN: Duration = Duration::from_secs(10);
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct PositionController {
-    /// Time at which the last position was read that was written with Cz.
+    /// Time at which the position that was last written with Cz had been read.
     corrected: Moment,
     inside: PositionCz,
     /// Time at which dashes were last written to the display. `None` while the display shows a position.
@@ -61,7 +61,7 @@ pub struct PositionDemand {
     pub decision: Option<PositionDecision>,
     /// Condition of the interlock.
     pub interlock: Condition,
-    /// Whether the line backs off from the device.
+    /// Whether the bus line sends nothing to the device for a while (back-off).
     pub backs_off: bool,
     /// Whether the display can show dashes instead of a position, and the gateway may write them.
     pub may_show_dashes: bool,
@@ -110,7 +110,7 @@ impl PositionAction {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum PositionResult {
-    /// The write was answered as done. If the position is read back, the read showed the written value.
+    /// The write was acknowledged. If the position is read back, the read showed the written value.
     Written,
     /// The value read back differs from the written value.
     NotShown,
@@ -125,8 +125,8 @@ pub enum PositionResult {
     },
 }
 
-/// Turn of a corrected position (one call of its controller by the line task), for the log. With the same demand and
-/// result, the controller decides the same again.
+/// Turn of a corrected position (one call of its controller by the task of the bus line), for the log. With the same
+/// demand and result, the controller decides the same again.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct PositionTurn {

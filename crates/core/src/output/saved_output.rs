@@ -41,7 +41,7 @@ pub struct Account {
 pub struct Promise {
     /// Absolute register value.
     pub value: Counts,
-    /// Time of sending, for messages.
+    /// Time at which the value was sent, for messages to the operator.
     pub at: Moment,
     /// Whether the value may still arrive at the register. If not, its longest delay is over, and the value is only
     /// remembered.

@@ -3,7 +3,7 @@
 //! Some controls take a set when its number differs from the last one, others only when it is the next number. A number
 //! must therefore not repeat with other values, and no number may be omitted. A set gets the number after the latest
 //! one that the register has held. A set that arrives late restores an older number, or puts other values under the
-//! same number. The control may then not have taken the register values.
+//! same number. The control has then perhaps not taken the register values.
 
 use std::time::Duration;
 

@@ -104,7 +104,7 @@ pub struct MemberDemand {
 /// Number, heartbeat and control word of an output set, which are sent with the values of the outputs.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub struct OwnWords {
-    /// Number of the output set.
+    /// Number of the output set. `None` if the set has no number.
     pub number: Option<u16>,
     /// Count of the heartbeat.
     pub beat: u16,
@@ -135,7 +135,7 @@ impl SetValue {
 #[derive(Clone, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub enum SetInput {
-    /// The turn of the output set begins: the line task works on it until [`SetInput::TurnEnds`].
+    /// The turn of the output set begins: the task of the bus line works on the set until [`SetInput::TurnEnds`].
     Demand(SetDemand),
     /// The computer was paused for a while (for example suspended), so that values may be too old.
     Paused,
@@ -152,7 +152,7 @@ pub enum SetInput {
     Read {
         /// Register value of each output, in counts.
         values: Vec<Counts>,
-        /// Number of the output set.
+        /// Number of the output set. `None` if the set has no number.
         number: Option<u16>,
         /// Count of the heartbeat.
         beat: Option<u16>,
@@ -163,7 +163,7 @@ pub enum SetInput {
     NoAnswer,
     /// Result of the write of the values, or of heartbeat and control word alone.
     Sent {
-        /// Result of the write.
+        /// Result of the write of the values, or of heartbeat and control word.
         result: WriteResult,
         /// Time after the last byte was sent.
         left: Moment,
@@ -175,7 +175,7 @@ pub enum SetInput {
     Strobe(StrobeResult),
     /// The acknowledge signal was read. `None` if the read was not answered.
     Acknowledge(Option<bool>),
-    /// The turn of the output set (work of the line task on it) ends.
+    /// The turn of the output set (the work of the bus line's task on it) ends.
     TurnEnds,
 }
 
@@ -267,7 +267,7 @@ pub enum StrobeResult {
 pub enum SetAction {
     /// Do nothing until this moment.
     Nothing {
-        /// Time of the next call.
+        /// Time at which the controller must be called next.
         until: Moment,
     },
     /// Save the state of the output with this index to disk.
@@ -280,7 +280,7 @@ pub enum SetAction {
         values: Vec<SetValue>,
         /// Number, heartbeat and control word of the set, which are written with the values.
         own: OwnWords,
-        /// Last moment for the first byte.
+        /// Last moment for sending the first byte of the request.
         not_after: Moment,
     },
     /// Write only the heartbeat and the control word.

@@ -31,7 +31,7 @@ use super::transaction::Transaction;
 use super::{Action, Fact};
 use crate::quantity::{Counts, Moment, Shift, Shifted};
 
-/// Least time between a failure and the next attempt.
+/// Minimum time between a failure and the next attempt.
 const RETRY: Duration = Duration::from_secs(1);
 
 /// Controller of a set of outputs, which are written together.
@@ -42,7 +42,7 @@ pub struct SetController {
     strobe: Strobe,
     demand: SetDemand,
     phase: Phase,
-    /// Values of the last read.
+    /// Register values of the outputs from the last read.
     found: Vec<Counts>,
     /// Number of restarts of the control so far.
     restarts: u64,
@@ -100,7 +100,7 @@ impl SetController {
         std::mem::take(&mut self.faults)
     }
 
-    /// Returns whether the control may not have taken the register values.
+    /// Returns whether the control has perhaps not yet taken the register values.
     pub fn is_bound(&self) -> bool {
         self.members.is_bound()
     }
@@ -110,12 +110,12 @@ impl SetController {
         self.words.may_say_enabled()
     }
 
-    /// Returns whether the line task began its work on an output too late for the last decision.
+    /// Returns whether the task of the bus line began its work on an output too late for the last decision.
     pub fn is_late(&self) -> bool {
         self.members.is_late()
     }
 
-    /// Returns whether both controllers decide equally when the line task calls them next, each with a new demand.
+    /// Returns whether both controllers decide equally at their next call, each with a new demand.
     pub fn is_like(&self, other: &SetController) -> bool {
         let with_demand = |one: &SetController| SetController { demand: self.demand.clone(), ..one.clone() };
         self.phase == Phase::Rest && *self == with_demand(other)
@@ -151,7 +151,7 @@ impl SetController {
         self.phase = Phase::Handshake;
     }
 
-    /// Ends the turn. While the output set waits for its control, the turns of its outputs do not end.
+    /// Ends the turn. While the output set waits for its control, the turns of the single outputs do not end.
     fn end_turn(&mut self, settings: &SetSettings, now: Moment) {
         self.phase = Phase::Rest;
         if self.strobe.awaits().is_none() {
@@ -326,7 +326,7 @@ impl SetController {
         }
     }
 
-    /// Records that the control has not taken the sent values, or may not have taken them.
+    /// Records that the control has not taken the sent values, or has perhaps not taken them.
     fn doubt(&mut self, settings: &SetSettings, now: Moment) {
         self.tries_from = now.after(RETRY);
         self.transaction.doubt();
@@ -526,7 +526,8 @@ impl SetController {
         self.phase = Phase::Raise;
     }
 
-    /// Returns the time of the next call. [`Strobe::next_read`] returns the time for an awaited acknowledge.
+    /// Returns the time at which the controller must be called next. While an acknowledge signal is awaited,
+    /// [`Strobe::next_read`] gives that time.
     fn due(&self, settings: &SetSettings, now: Moment) -> Moment {
         let is_unfinished = self.strobe.level() == StrobeLevel::Up || self.is_bound();
         let tries = is_unfinished.then_some(self.tries_from.max(now));
@@ -564,7 +565,7 @@ impl Shifted for SetController {
     }
 }
 
-/// Longest delay of a write of the output set.
+/// Returns the longest delay with which a write of the output set may arrive.
 fn late(settings: &SetSettings) -> Duration {
     settings.members.iter().map(|member| member.late).max().unwrap_or_default()
 }

@@ -79,7 +79,7 @@ impl SetMembers {
         }
     }
 
-    /// Passes each output its demand.
+    /// Passes to each output its demand, in the order of the outputs.
     pub(super) fn demand(
         &mut self,
         settings: &SetSettings,
@@ -201,8 +201,8 @@ impl SetMembers {
         }
     }
 
-    /// Makes all outputs wait if a late write forbids one of them its next step. Outputs that are taken together must
-    /// move together.
+    /// Makes all outputs wait if one of them may not take its next step, because a late write may still arrive. Outputs
+    /// whose values the control takes together must move together.
     pub(super) fn wait_for_each_other(&mut self, settings: &SetSettings, now: Moment) {
         let waits = self
             .with(settings)

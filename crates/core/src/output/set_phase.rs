@@ -1,5 +1,5 @@
-//! Phases in the turn of an output set. A turn is the work of the line task on the set, from the demand to the end of
-//! the turn.
+//! Phases in the turn of an output set. A turn is the work of the bus line's task on the set, from the demand to the
+//! end of the turn.
 
 use serde::{Deserialize, Serialize};
 
@@ -7,7 +7,7 @@ use super::handshake::HandshakeFault;
 use super::set::{OwnWords, SetValue};
 use crate::quantity::{Moment, Shift, Shifted};
 
-/// Phase of a turn (work of the line task on an output set): the pending exchange, or the next decision.
+/// Phase of a turn (the work of the bus line's task on an output set): the pending exchange, or the next decision.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub(super) enum Phase {
@@ -22,7 +22,7 @@ pub(super) enum Phase {
     Drop(DropReason),
     /// The strobe signal is set.
     Raise,
-    /// The outputs process their demands.
+    /// The controllers of the outputs process their demands.
     Demand,
     /// The states of the outputs from this index on are saved to disk, if that is necessary.
     Keep(usize, NextPhase),
@@ -32,11 +32,11 @@ pub(super) enum Phase {
     Clear(Reason),
     /// The registers are read.
     Read(NextPhase),
-    /// The controller decides what is written.
+    /// The registers have been read, and the controller decides what is written.
     Judge(Reason),
     /// The values of the outputs are collected one after the other.
     GoAlong {
-        /// Values of the outputs so far.
+        /// Values of the outputs that have been collected so far.
         values: Vec<SetValue>,
         /// Last moment for sending the values.
         not_after: Moment,

@@ -34,13 +34,13 @@ impl WrittenWords {
         self.beat = beat.unwrap_or(self.beat);
     }
 
-    /// Returns the words of the next request.
+    /// Returns the number, heartbeat and control word for the next request.
     pub(super) fn next(&self, demand: &SetDemand, number: Option<u16>) -> OwnWords {
         let beat = if demand.beat == Beat::Counts { count_after(self.beat, HIGHEST_BEAT) } else { self.beat };
         OwnWords { number, beat, control: demand.control }
     }
 
-    /// Records the result of a request with these words.
+    /// Records the result of a request with this heartbeat and control word. `left`: time after its last byte was sent.
     pub(super) fn sent(&mut self, own: OwnWords, result: WriteResult, left: Moment) {
         if result.may_have_arrived() {
             let is_done = result == WriteResult::Done;
@@ -51,7 +51,7 @@ impl WrittenWords {
         }
     }
 
-    /// Returns whether the control word in the register is not the demanded one.
+    /// Returns whether the control word in the register differs from the demanded control word, or is unknown.
     pub(super) fn has_news(&self, settings: &SetSettings, demand: &SetDemand) -> bool {
         settings.words.has_control() && self.control != Some(demand.control)
     }

@@ -9,7 +9,7 @@ use crate::quantity::Counts;
 /// Settings of one output, in counts of its register. The caller converts from µm.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Settings {
-    /// Largest change of the register by one write. At least 1; at least 2 for a shared register.
+    /// Largest change of the register by one write. The value is at least 1, and at least 2 for a shared register.
     pub step: Counts,
     /// Largest distance of a value from the bias, or in a shared register from the operator offset.
     pub limit: Counts,
@@ -92,7 +92,7 @@ pub enum Rule {
     OwnWrites,
     /// A change may be sent only until its last moment.
     LastMoment,
-    /// Nothing is sent beyond the limit.
+    /// No value beyond the limit is sent, unless it is nearer to the limit than the register value.
     Limit,
     /// If the operator offset cannot be determined, the axis is off until the operator confirms it.
     Doubt,

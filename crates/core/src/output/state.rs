@@ -18,7 +18,7 @@ use super::state_parts::{
 use super::turns::Turns;
 use crate::quantity::{Counts, Moment, shifted};
 
-/// Least time before a failed action is repeated, and the period of reads while the register value is uncertain.
+/// Minimum time before a failed action is repeated. Also the period of reads while the register value is uncertain.
 pub(super) const RETRY: Duration = Duration::from_secs(1);
 
 /// State of one output. The serialised form contains everything that determines the next actions, but no pending
@@ -30,7 +30,7 @@ pub struct State {
     pub(super) copies: InFlightWrites,
     /// Last register value that was read. For an output that cannot be read, the last acknowledged value.
     pub(super) verified: Option<TimedValue>,
-    /// Value of the last write that was answered as done. `None` once the register has been read after that write.
+    /// Value of the last write that was acknowledged. `None` once the register has been read after that write.
     pub(super) answered: Option<Counts>,
     /// Both parts of a shared register's value (operator offset and gateway share), if they are known.
     pub(super) account: Option<Account>,
@@ -48,13 +48,12 @@ pub struct State {
     /// Time until which late writes of a previous run may arrive, if that run was not stopped cleanly. The register is
     /// written only after it was read later than this. `None` in all other cases.
     pub(super) settles_at: Option<Moment>,
-    /// Earliest time of a read that may prove that a write had not arrived yet. Before it, writes of the previous run
-    /// may still arrive.
+    /// Earliest time of a read that may prove that a write had not arrived yet. Before this time, writes of the
+    /// previous run may still arrive.
     pub(super) pairs_from: Moment,
     #[serde(flatten)]
     pub(super) required_read: RequiredRead,
-    /// Change of the register value by the last write, if the write was not answered as done. `None` after the next
-    /// read.
+    /// Change of the register value by the last write, if the write was not acknowledged. `None` after the next read.
     pub(super) unanswered_change: Option<Counts>,
     #[serde(flatten)]
     pub(super) evidence: Evidence,
@@ -123,7 +122,7 @@ impl State {
         }
     }
 
-    /// Returns the state for display.
+    /// Returns the part of the state that is displayed to the operator.
     pub fn shown(&self, settings: &Settings) -> OutputView {
         OutputView {
             verified: self.verified,
@@ -136,7 +135,8 @@ impl State {
         }
     }
 
-    /// Returns the writes of the gateway that may still arrive, and those that are still recognised.
+    /// Returns the writes of the gateway that may still arrive, and the expired writes whose values are still
+    /// recognised.
     pub fn copies(&self) -> &InFlightWrites {
         &self.copies
     }
@@ -182,8 +182,8 @@ impl State {
         }
     }
 
-    /// Ends the output and returns the last state to save to disk. No further action is begun. The state is marked as a
-    /// clean stop if no write may still arrive.
+    /// Ends the work on the output, and returns the last state to save to disk. No further action is begun. The state
+    /// is marked as a clean stop if no write may still arrive.
     pub fn end(&mut self) -> SavedOutput {
         (self.promised, self.promised_until) = (None, None);
         let is_writing = self.being_written().is_some();
@@ -208,7 +208,7 @@ impl State {
         self.expected().map(|value| value - self.centre(settings))
     }
 
-    /// Returns the expected register value: the last one answered as done, else the last verified one, else the one
+    /// Returns the expected register value: the last acknowledged value, else the last verified value, else the value
     /// saved on disk.
     pub(super) fn expected(&self) -> Option<Counts> {
         let from_disk = || self.account.map(|account| account.base + account.share);
@@ -259,12 +259,12 @@ impl State {
         is_driven && now >= self.writes_from && (is_wanted || self.write_failure.is_some())
     }
 
-    /// Returns whether a write was answered as done, and no read has shown it yet.
+    /// Returns whether a write was acknowledged, and no read has shown its value yet.
     pub(super) fn has_answered(&self) -> bool {
         self.answered.is_some()
     }
 
-    /// Returns the register value that was last answered as done, or else last verified.
+    /// Returns the last acknowledged register value, or else the last verified one.
     pub(super) fn acknowledged(&self) -> Option<Counts> {
         self.answered.or(self.verified.map(|verified| verified.value))
     }

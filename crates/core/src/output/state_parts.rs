@@ -8,7 +8,7 @@ use crate::quantity::{Counts, Moment, Shift, Shifted, shifted};
 /// Register value, and the time of the request that gave it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub struct TimedValue {
-    /// Register value.
+    /// Register value that was read or acknowledged.
     pub value: Counts,
     /// Time of the request. For an output that cannot be read, the time when the write was sent.
     pub asked: Moment,
@@ -101,18 +101,18 @@ impl From<RequiredRead> for ReadFlags {
 pub(super) struct Evidence {
     /// Whether the last change by another client equalled an unanswered change by the gateway.
     pub(super) was_like_our_own: bool,
-    /// Whether the register held another value after the last write that was answered as done.
+    /// Whether the register held another value after the last write that was acknowledged.
     pub(super) was_unsteady: bool,
 }
 
-/// Failure of the last write.
+/// Failure of the last write: refused, or without effect on the register.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub(super) enum WriteFailure {
     /// The write was refused or not sent, or its result is unknown. The register value is sent again as a test.
     Refused,
-    /// The write was answered as done, but the register holds another value. Only another write that is verified ends
-    /// this failure.
+    /// The write was acknowledged, but the register holds another value. Only another write that is verified ends this
+    /// failure.
     Ignored,
 }
 
@@ -127,7 +127,7 @@ pub(super) struct Setpoint {
     pub(super) not_after: Moment,
 }
 
-/// Whether the register may be written.
+/// Arm state of an output: whether its register may be written.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum ArmState {
@@ -153,7 +153,7 @@ impl Shifted for PendingAction {
     }
 }
 
-/// State of an output for display.
+/// State of an output, as it is displayed to the operator.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct OutputView {
     /// Last verified register value, and the time of its request.
@@ -162,7 +162,7 @@ pub struct OutputView {
     pub is_only_acknowledged: bool,
     /// Both parts of a shared register's value (operator offset and gateway share), if they are known.
     pub account: Option<Account>,
-    /// Whether the register may be written.
+    /// Arm state of the output: whether its register may be written.
     pub standing: ArmState,
     /// Number of writes that may still arrive.
     pub under_way: usize,

@@ -21,7 +21,7 @@ use serde::{Deserialize, Serialize};
 use super::handshake::HandshakeFault;
 use crate::quantity::{Moment, shifted};
 
-/// Least time between two reads of the acknowledge signal.
+/// Minimum time between two reads of the acknowledge signal.
 const ASK_EVERY: Duration = Duration::from_millis(20);
 
 /// Strobe of an output set: its level, and the level of the acknowledge signal that the set waits for.
@@ -35,7 +35,7 @@ pub struct Strobe {
     reported: Option<HandshakeFault>,
 }
 
-/// Level of a strobe signal.
+/// Level of a strobe signal, as far as the gateway knows it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum StrobeLevel {
@@ -92,12 +92,12 @@ impl Strobe {
         Strobe { level, ..Strobe::default() }
     }
 
-    /// Level of the strobe signal.
+    /// Returns the level of the strobe signal.
     pub fn level(&self) -> StrobeLevel {
         self.level
     }
 
-    /// Level of the acknowledge signal that the output set waits for.
+    /// Returns the level of the acknowledge signal that the output set waits for. `None` if the set does not wait.
     pub fn awaits(&self) -> Option<Awaited> {
         self.wait.map(|wait| wait.what)
     }

@@ -61,8 +61,8 @@ pub(super) struct Transaction {
     /// Values that the control took last, if they are known.
     taken: Option<Vec<Counts>>,
     sequence: Sequence,
-    /// Numbers of which the control may accept one next, if it acknowledges output sets. `None` until the register of
-    /// the number was read.
+    /// Possible numbers of the next output set, if the control acknowledges output sets. The control accepts one of
+    /// them. `None` until the register of the number was read.
     numbers: Option<Numbers>,
     /// Values of the last attempt. `None` after the control has acknowledged an output set.
     tried: Option<Vec<Counts>>,
@@ -79,13 +79,13 @@ pub(super) struct Member {
     pub(super) held: Counts,
     /// Whether the axis is armed and the interlock closed.
     pub(super) is_driven: bool,
-    /// Whether the control may not have taken the register value.
+    /// Whether the control has perhaps not yet taken the register value.
     pub(super) is_bound: bool,
 }
 
 impl Transaction {
     /// Creates the state at a start. `was_in_order`: the previous run was stopped cleanly. If it was not, the control
-    /// may not have taken the register values. The second result must be passed to the outputs of the output set.
+    /// has perhaps not taken the register values. The second result must be passed to the outputs of the output set.
     pub(super) fn new(
         taking: CommitTrigger,
         has_number: bool,
@@ -256,7 +256,7 @@ impl Transaction {
         is_known
     }
 
-    /// Records that the control has not taken the sent values, or may not have taken them.
+    /// Records that the control has not taken the sent values, or has perhaps not taken them.
     pub(super) fn doubt(&mut self) {
         self.taken = None;
     }

@@ -32,8 +32,8 @@ impl Turns {
         self.compare();
     }
 
-    /// Counts a change by another client. A large change, which no gateway makes, restarts the count. A change that is
-    /// not soon after one of this gateway is ignored.
+    /// Counts a change by another client. A large change, which no gateway makes, restarts the count. A change is
+    /// ignored if it is not soon after a change of this gateway.
     pub(super) fn another(&mut self, is_small: bool, is_soon: bool) {
         if !is_small {
             *self = Turns::default();

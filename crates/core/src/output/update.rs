@@ -217,7 +217,7 @@ fn report_untaken(state: &mut State, how: WriteFailure, event: Event) {
     }
 }
 
-/// Sets the gateway share of a shared register to its value `sum` minus the operator offset, which has not changed.
+/// Sets the gateway share: the register value `sum` minus the operator offset, which has not changed.
 fn share_is(state: &mut State, sum: Counts) {
     if let Some(account) = state.account {
         account_is(state, Account { share: sum - account.base, ..account });
@@ -270,11 +270,12 @@ fn arm(state: &mut State, settings: &Settings, by: Who) {
     }
 }
 
-/// Completes the confirmation that the operator began by arming. The gateway share is the assumed one, and the rest of
-/// `found` is the operator offset.
+/// Completes the confirmation that the operator began by arming. The gateway share is the assumed share. The difference
+/// between `found` and this share is the operator offset.
 ///
 /// The operator may have corrected the register after it was last read. A value that the gateway or a restarted CNC may
-/// have caused is not accepted as a correction. The value from before the doubt is accepted, whoever restored it.
+/// have caused is not accepted as a correction. The value from before the doubt is accepted, even if a late write of
+/// the gateway has restored it.
 fn confirm(state: &mut State, settings: &Settings, found: Counts) {
     let ArmState::Confirming(shown) = state.standing else { return };
     let account = state.account.unwrap_or_default();

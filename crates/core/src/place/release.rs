@@ -1,5 +1,5 @@
-//! Release of a register that no longer belongs to an output: its return to the base value. Contains its saved state,
-//! the values from which it may continue, and its duration.
+//! Release of a register that no longer belongs to an output: its return to the base value. The module contains the
+//! saved state of a release, the values from which a release may continue, and its duration.
 //!
 //! The gateway changes the register in steps, with the same controller as for an output. This module only decides
 //! whether the gateway may change the value that it has read. Any other value may be the operator's. The base value of
@@ -22,7 +22,7 @@ use super::{FormerPlace, OutputPlace};
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Bounds {
-    /// Maximum absolute value of Cz, µm.
+    /// Maximum absolute value of Cz that may be written, µm.
     pub limit_um: f64,
     /// Largest change of Cz at one update, µm.
     pub step_um: f64,
@@ -99,7 +99,7 @@ pub struct Release {
     pub output: String,
     /// Address of the register, and the meaning of its counts.
     pub place: OutputPlace,
-    /// Bounds of the output.
+    /// Bounds within which the gateway changes the register.
     pub bounds: Bounds,
     /// Cz of the register that the operator saw when requesting the release, µm.
     pub from_um: f64,

@@ -14,7 +14,7 @@ pub enum Cell<'a> {
     Unavailable,
     /// Message of a logger instead of a value, such as `OL`, `Over` or `---`.
     Failed,
-    /// Any other text.
+    /// Any other text, which is neither a number nor a known word for a missing value.
     Text,
 }
 
@@ -412,8 +412,8 @@ pub(super) fn number_and_unit(text: &str) -> Option<(Cow<'_, str>, &str)> {
 /// Characters that only separate thousands: blanks and apostrophes.
 const OF_THOUSANDS: [char; 6] = [' ', '\u{a0}', '\u{2009}', '\u{202f}', '\'', '\u{2019}'];
 
-/// Joins the groups of three digits at the begin of this text, as in `1 020,5` or `1'020.5`. Returns the digits, and the
-/// text after them; `None` if there are no such groups.
+/// Joins the groups of three digits at the beginning of this text, as in `1 020,5` or `1'020.5`. Returns the digits, and
+/// the text after them; `None` if there are no such groups.
 fn groups(text: &str) -> Option<(String, &str)> {
     let digits = |text: &str| text.bytes().take_while(u8::is_ascii_digit).count();
     let first = digits(text);
@@ -429,7 +429,7 @@ fn groups(text: &str) -> Option<(String, &str)> {
     (joined.len() > first).then_some((joined, rest))
 }
 
-/// Returns the length of the exponent at the begin of this text, in bytes; 0 if there is none.
+/// Returns the length of the exponent at the beginning of this text, in bytes; 0 if the text has no exponent there.
 fn length_of_exponent(text: &str) -> usize {
     let bytes = text.as_bytes();
     if !bytes.first().is_some_and(|byte| matches!(byte, b'e' | b'E' | b'd' | b'D')) {

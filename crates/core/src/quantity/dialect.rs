@@ -102,7 +102,8 @@ impl Dialect {
         Dialect { zone: Some(TimeZone::UTC), ..self }
     }
 
-    /// Returns the decimal mark: the stated one, or else that of the numbers so far.
+    /// Returns the decimal mark that the operator has stated, or else the mark of the numbers so far. `None` if no
+    /// number had a mark.
     #[must_use]
     pub fn decimal(&self) -> Option<DecimalMark> {
         self.stated.or_else(|| self.first.as_ref().map(|(mark, _)| *mark))
@@ -224,7 +225,8 @@ impl Dialect {
         Ok(if mark == DecimalMark::Point { Cow::Borrowed(text) } else { Cow::Owned(decimal) })
     }
 
-    /// Checks the decimal mark of a number against the one of the first number that had one.
+    /// Checks that a number has the same decimal mark as the first number with a mark. Returns a message if the marks
+    /// differ.
     fn agrees(&mut self, text: &str, mark: DecimalMark) -> Result<(), String> {
         let (known, first) = self.first.get_or_insert_with(|| (mark, text.to_owned()));
         match *known == mark {

@@ -41,7 +41,7 @@ impl TimeUnit {
         })
     }
 
-    /// Returns the name of a unit that no date has; `None` if the column may contain dates.
+    /// Returns the name of the unit if a column with this unit cannot contain dates; else `None`.
     pub(super) fn of_a_count(self) -> Option<&'static str> {
         match self {
             TimeUnit::Milliseconds | TimeUnit::Minutes | TimeUnit::Hours | TimeUnit::Days => {
@@ -105,7 +105,7 @@ pub struct TimeColumns {
     pub date: Option<usize>,
     /// Unit of the times, if they are numbers.
     pub unit: TimeUnit,
-    /// Whether the name of the column or the operator states that unit. Otherwise, it is assumed.
+    /// Whether the name of the column or the operator states the unit of the times. Otherwise, the unit is assumed.
     pub is_stated: bool,
     /// Whether the name of the column states that its times are in UTC.
     pub is_in_utc: bool,
@@ -192,15 +192,15 @@ const NAMES: [&[&str]; 4] = [
     &["t"],
     &DATES,
 ];
-/// Names of a column with the date. If a log has no other time column, its times are there too.
+/// Names of a date column. If a log has no other time column, this column also contains the times.
 const DATES: [&str; 7] = ["date", "datum", "fecha", "дата", "日期", "日付", "날짜"];
 
 /// Names of columns whose numbers, if they are dates of this century, are days of a spreadsheet.
 const NAMED_FOR_DATES: [&str; 2] = ["dat", "stamp"];
 
 impl TimeColumns {
-    /// Finds the time column by its name; `None` if no name is one of a time. `stated` is the unit that the operator has
-    /// stated.
+    /// Finds the time column by its name; `None` if no column has the name of a time column. `stated` is the unit that
+    /// the operator has stated.
     #[must_use]
     pub fn find(names: &[String], stated: Option<TimeUnit>) -> Option<TimeColumns> {
         let exact = |name: &String| match name.as_str() {
@@ -256,7 +256,7 @@ pub fn with_date<'a>(time: &'a str, date: Option<&str>) -> Cow<'a, str> {
     }
 }
 
-/// Statement about the times that follows the name of a time column.
+/// Statement about the times, after the name of a time column: their unit, or that they are in UTC.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Stated {
     Nothing,
@@ -264,7 +264,8 @@ enum Stated {
     Utc,
 }
 
-/// Returns the first column with one of these names. A unit may follow the name. The name `t` needs one in brackets.
+/// Returns the first column with one of these names. A unit may follow the name. The name `t` requires a unit in
+/// brackets.
 fn by_name(names: &[String], known: &[&str]) -> Option<(usize, Stated)> {
     names.iter().enumerate().find_map(|(place, header)| {
         let header = header.trim().to_lowercase();
@@ -291,7 +292,7 @@ fn time_name(header: &str) -> Option<(&str, Stated)> {
     Some(stated.unwrap_or((header, Stated::Nothing)))
 }
 
-/// Returns the meaning of a text after the name of a time column; `None` if it has no known one.
+/// Returns the meaning of a text after the name of a time column; `None` if the text is unknown.
 fn statement(text: &str) -> Option<Stated> {
     let is_format = ["hh:mm", "h:mm", "yyyy", "jjjj", "mm:ss"].iter().any(|part| text.contains(part));
     match text {

@@ -36,7 +36,7 @@ impl Conversion {
         }
     }
 
-    /// Converts a value.
+    /// Converts a value of the log to the unit of the program.
     #[must_use]
     pub fn apply(self, value: f64) -> f64 {
         match self {

@@ -12,8 +12,8 @@ const HOUR: u64 = 3_600_000_000_000;
 /// Longest time between two rows, by the wall clock, at which a logger counts as running without a pause. It shows
 /// whether the logger was off in the hour that occurs twice, when summer time ends.
 const NEXT_ROW: SignedDuration = SignedDuration::from_secs(30 * 60);
-/// Day from which spreadsheets count. It is a day early, because spreadsheets count a 29 February 1900, which did not
-/// exist.
+/// Day zero of spreadsheets. It is one day before 31 December 1899, because spreadsheets also count 29 February 1900,
+/// which did not exist.
 const FIRST_OF_EXCEL: Date = Date::constant(1899, 12, 30);
 
 /// Order of day and month in dates such as `01/05/2026`.
@@ -250,7 +250,7 @@ struct Clock {
     minutes: u64,
     seconds: Option<u64>,
     nanos: u64,
-    /// Whether AM or PM followed.
+    /// Whether AM or PM followed the time.
     is_of_half_days: bool,
 }
 
@@ -301,7 +301,7 @@ impl Clock {
         self.hours * HOUR + seconds * 1_000_000_000 + self.nanos
     }
 
-    /// Returns the time of a day; `None` if it is not before midnight.
+    /// Returns the time as a time of day; `None` if it is 24:00 or later.
     fn of_day(self) -> Option<Time> {
         let small = |number: u64| i8::try_from(number).ok();
         let nanos = i32::try_from(self.nanos).ok()?;
@@ -326,9 +326,10 @@ pub(super) fn excel(number: &str, text: &str) -> Result<DateTime, String> {
 /// State of the reader of a log with wall-clock times.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Wall {
-    /// Number of midnights so far, for times without dates.
+    /// Number of midnights since the start of the log, for times without dates.
     days: u64,
-    /// Last time in the hour that occurs twice, if it was taken for the first one.
+    /// Last time in the hour that occurs twice (end of summer time), if it was taken to be in the first of the two
+    /// hours.
     first_pass: Option<DateTime>,
     /// Last date whose month was taken to come first.
     assumed: Option<Date>,
@@ -345,7 +346,8 @@ impl Wall {
         Ok(Moment::from_nanos(at(self.days)))
     }
 
-    /// Checks a date whose month was taken to come first. If the day came first, the next day would be one month later.
+    /// Checks a date whose month was taken to come first. A message is returned if the date is the same day of another
+    /// month than the last date: then the day may come first.
     pub(super) fn follows(&mut self, wall: DateTime, text: &str) -> Result<(), String> {
         let date = wall.date();
         let before = *self.assumed.get_or_insert(date);

@@ -1,6 +1,6 @@
 //! Number in a line of text.
 
-/// Number in a line of text, with its place.
+/// Number in a line of text, with its number of decimals and the position of its end.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Number {
     pub(super) value: f64,
@@ -49,7 +49,7 @@ impl Number {
     }
 }
 
-/// Returns the number of characters from this position on for which `is` holds.
+/// Returns the number of consecutive characters from this position on for which `is` returns true.
 fn run(line: &[char], from: usize, is: impl Fn(char) -> bool) -> usize {
     line.get(from..).unwrap_or_default().iter().take_while(|character| is(**character)).count()
 }
