@@ -113,7 +113,7 @@ const ARITHMETIC: f64 = 1e-14;
 impl fmt::Display for Inadmissible {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Inadmissible::NoNumber => f.write_str("the control would read no number"),
+            Inadmissible::NoNumber => f.write_str("the control would read a value that is not a number"),
             Inadmissible::Beyond { correction, limit } => {
                 write!(f, "the control would read {correction}, beyond the limit of ±{limit}")
             }

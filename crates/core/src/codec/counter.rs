@@ -92,7 +92,7 @@ impl Tracked {
     /// Processes the scaled register value of a new reading.
     pub fn take(&mut self, counter: &Counter, encoding: &Encoding, value: f64, at: Moment) -> Motion {
         let Some(modulus) = Counter::modulus(encoding.data_type) else { return Motion::To(value) };
-        #[allow(clippy::cast_possible_truncation, reason = "a count of at most 32 bits")]
+        #[allow(clippy::cast_possible_truncation, reason = "a count has at most 32 bits")]
         let raw = ((value - encoding.offset) / encoding.scale.get()).round() as i64;
         let count = nearest_to_zero(raw, modulus);
         let fresh = CounterSample { count, position: count, at };

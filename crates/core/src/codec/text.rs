@@ -368,7 +368,7 @@ impl FromStr for TextPattern {
             }
             let word = rest[begin..].strip_prefix('{').and_then(|inner| inner.split_once('}'));
             let (word, behind) =
-                word.ok_or_else(|| format!("a brace in {} has no partner; {FORMS}", Quoted(text)))?;
+                word.ok_or_else(|| format!("a brace in {} has no matching brace; {FORMS}", Quoted(text)))?;
             if word == "sum" {
                 return Err("a checksum is at the end of a line; write {sum} last".to_owned());
             }

@@ -171,7 +171,9 @@ impl fmt::Display for Doubt {
                 "the register fell to zero: by a restart of the CNC, or by a write of the gateway"
             }
             Doubt::Rebooted => "the register holds another value since a restart of the CNC",
-            Doubt::LikeOurOwn => "two unanswered writes were each followed by a change of exactly their size",
+            Doubt::LikeOurOwn => {
+                "two writes without an answer were each followed by a change of the same size"
+            }
             Doubt::Unsteady => {
                 "the register held another value than written, twice in a row: the control limits the value, \
                  or a second gateway writes to the register"

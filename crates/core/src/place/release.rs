@@ -59,7 +59,7 @@ impl Obstacle {
             Obstacle::Set => {
                 "the control accepts the register only together with the other registers of its output set"
             }
-            Obstacle::Writes => "the register holds no offset",
+            Obstacle::Writes => "the value in the register is not an offset",
             Obstacle::Address => "the value is not in a Modbus register",
             Obstacle::Unread => "the register cannot be read",
         }

@@ -200,7 +200,7 @@ fn parse_date(date: &str, order: Option<DateOrder>, text: &str) -> Option<Result
     };
     if month > 12 && (1..=12).contains(&day) && !date.contains('.') {
         let option = if known == Some(DateOrder::DayFirst) { "month-first" } else { "day-first" };
-        return Some(Err(format!("`{text}`: there is no month {month}: are the dates --dates {option}?")));
+        return Some(Err(format!("`{text}`: there is no month {month}; try --dates {option}")));
     }
     Some(Ok(Date::new(year, month, day).ok()?))
 }
@@ -366,7 +366,8 @@ impl Wall {
         zone: Option<&TimeZone>,
         last: Option<Moment>,
     ) -> Result<Moment, String> {
-        let zone = zone.ok_or_else(|| format!("{wall} needs a time zone: --zone Europe/Berlin"))?;
+        let zone =
+            zone.ok_or_else(|| format!("{wall} needs a time zone, for example --zone Europe/Berlin"))?;
         let at = |offset: Offset| {
             let nanos =
                 offset.to_timestamp(wall).ok().and_then(|stamp| u64::try_from(stamp.as_nanosecond()).ok());

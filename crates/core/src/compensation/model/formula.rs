@@ -143,7 +143,7 @@ fn truth(yes: bool) -> f64 {
 }
 
 /// Returns whether a number counts as true: any number except zero does.
-#[allow(clippy::float_cmp, reason = "truth is exact: a status register is 1 or it is not")]
+#[allow(clippy::float_cmp, reason = "only zero is false, so the comparison must be exact")]
 fn is_true(value: f64) -> bool {
     value != 0.0
 }

@@ -75,7 +75,7 @@ impl Input {
     /// finite.
     #[allow(
         clippy::inline_always,
-        reason = "called for each lag of each step; returning the result through memory is slow"
+        reason = "called for each lag in each step; a return through memory would be slow"
     )]
     #[inline(always)]
     pub(in crate::compensation) fn level(

@@ -51,7 +51,7 @@ impl TimeConstant {
     /// Returns this time as a share of the time constant. The conversion uses a signed number, because processors have
     /// an instruction for it.
     #[inline]
-    #[allow(clippy::cast_precision_loss, reason = "a share of a time constant needs no more")]
+    #[allow(clippy::cast_precision_loss, reason = "a double is precise enough for a share")]
     fn share(self, nanoseconds: u64) -> f64 {
         i64::try_from(nanoseconds).unwrap_or(i64::MAX) as f64 * self.per_nanosecond
     }
@@ -121,7 +121,7 @@ impl Lag {
 
     /// Updates the lag with this snapshot. A reading that cannot be used is skipped. The temperature is then assumed to
     /// change along a straight line up to the next usable reading.
-    #[allow(clippy::inline_always, reason = "called for each lag of each step, and takes most of its time")]
+    #[allow(clippy::inline_always, reason = "called for each lag of each step; takes most of its time")]
     #[inline(always)]
     pub fn follow(&mut self, input: &Input, snapshot: &Snapshot<'_>, machine: &Machine) {
         let Some(constant) = input.lag else { return };
