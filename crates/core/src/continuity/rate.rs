@@ -101,8 +101,8 @@ impl RateFilter {
         Ok(())
     }
 
-    /// Records a value that is rejected for another reason, for example because it is out of range. After a break, it
-    /// counts as a value: from now on, waiting does not make a later value plausible.
+    /// Records a value that is rejected for another reason, for example because it is out of range. After a break, the
+    /// value ends the time without a value: from now on, waiting does not make a later value plausible.
     pub fn reject(&mut self, value: f64, at: Moment, rate: f64, breaks: u64) {
         if self.last.is_some() {
             self.note((value, at), rate, breaks);

@@ -9,8 +9,8 @@ use serde::{Deserialize, Serialize};
 
 /// Number of changes that each of the two clients must have made before they are compared.
 const ENOUGH: u8 = 6;
-/// Largest difference between the two numbers of changes at which the other client can be a gateway. Above it, counting
-/// begins again.
+/// Largest difference between the two numbers of changes at which the other client can be a gateway. Above this
+/// difference, counting begins again.
 const AHEAD: u8 = 3;
 const MORE: u8 = 6;
 

@@ -21,7 +21,7 @@ pub fn step(state: &mut State, settings: &Settings, fact: Fact, now: Moment) -> 
 }
 
 /// Changes the state according to a fact. If the fact is a read that showed nothing new, returns the time of its
-/// request.
+/// request; else `None`.
 fn take(state: &mut State, settings: &Settings, fact: Fact, now: Moment) -> Option<Moment> {
     state.disk.is_unsaved |= state.copies.expire(now);
     match fact {

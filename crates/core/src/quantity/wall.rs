@@ -95,7 +95,7 @@ pub(super) fn order(text: &str) -> Option<DateOrder> {
     only_order(first, second).filter(|_| year.len() == 4)
 }
 
-/// Returns the order of day and month if one of these numbers is no month.
+/// Returns the order of day and month if one of these numbers cannot be a month; else `None`.
 fn only_order(first: u8, second: u8) -> Option<DateOrder> {
     match (first > 12, second > 12) {
         (true, false) => Some(DateOrder::DayFirst),

@@ -27,7 +27,8 @@ pub(super) struct Gains {
     estimate: Vec<f64>,
     /// Covariance P of the estimate, row by row.
     covariance: Vec<f64>,
-    /// Largest absolute value of each number of the estimate. The start value of its standard deviation is half of it.
+    /// Largest absolute value of each number of the estimate. Half of this bound is the start value of the standard
+    /// deviation.
     bounds: Vec<f64>,
     /// Buffers for φ and Pφ, so that an update allocates no memory.
     #[serde(skip)]

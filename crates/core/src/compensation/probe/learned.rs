@@ -159,8 +159,9 @@ impl Learned {
         }
     }
 
-    /// Returns the correction of the model that replaces this one. Its offset keeps Cz at the change. Its certainty is
-    /// the certainty of this correction. The comparison and the scale of the expected error start again.
+    /// Returns the correction of another model that becomes the preferred model instead of this model. The offset keeps
+    /// Cz at the change, and the certainty is taken over from this correction. The comparison and the scale of the
+    /// expected error start again.
     #[must_use]
     pub(in crate::compensation) fn moved_to(
         &self,

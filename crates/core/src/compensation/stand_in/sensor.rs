@@ -10,7 +10,7 @@ use crate::quantity::{Moment, Shift, Shifted, shifted};
 /// readings of the sensor are checked before they are accepted.
 const SHORT: Duration = Duration::from_secs(3 * 60);
 /// Number of consecutive minutes with a predicted change that the reading does not show, after which a sensor is
-/// suspected. Other sensors may react one or two minutes earlier.
+/// suspected. One minute would not be enough, because other sensors may react one or two minutes earlier.
 const MISSED: u8 = 3;
 /// Time for which a reading must agree with its prediction before the sensor is accepted again. After a loss, a sensor
 /// without a prediction waits equally long.

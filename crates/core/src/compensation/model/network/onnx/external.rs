@@ -48,8 +48,8 @@ pub(super) fn files(bytes: &[u8]) -> Result<BTreeSet<String>, String> {
 const ONE_FILE: &str =
     "save the network in one file, in Python by `onnx.save_model(onnx.load(\"net.onnx\"), \"one.onnx\")`";
 
-/// Files with tensors, and the number of bytes that the tensors may still use. Tensors that share bytes could make a
-/// small file large.
+/// Files with tensors, and the number of bytes that the tensors may still use. Without this limit, many tensors could
+/// use the same bytes, and a small file would need much memory.
 pub(super) struct External<'a> {
     files: &'a ExternalFiles,
     left: u64,

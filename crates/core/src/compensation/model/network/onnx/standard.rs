@@ -388,7 +388,8 @@ impl<'a> Node<'a> {
         format!("node {} with the output `{}` {why}", self.operator, self.output)
     }
 
-    /// Returns whether a BatchNormalization computes mean and variance itself. Old files then have outputs for them.
+    /// Returns whether a BatchNormalization node computes mean and variance itself, as in training. In old files, such
+    /// a node has outputs for mean and variance.
     fn trains(&self) -> bool {
         self.integer("training_mode").is_some_and(|on| on != 0)
             || parts(self.message, 2).skip(1).any(|output| !output.is_empty())
