@@ -81,10 +81,10 @@ const ENDED_EVERY: Duration = Duration::from_millis(100);
 /// this time, so the interval is short.
 const SETTLED_EVERY: Duration = Duration::from_millis(5);
 
-/// Number of events from before the start that the gateway shows.
+/// Maximum number of events of earlier runs that the gateway shows after its start.
 const RECALLED: usize = 100;
 
-/// Gateway of one profile, before it runs.
+/// Gateway of one profile. [`Gateway::new`] creates it, and [`Gateway::run`] runs it.
 pub struct Gateway {
     shared: Arc<Shared>,
     options: Options,
@@ -107,8 +107,8 @@ pub struct Outcome {
 }
 
 impl Gateway {
-    /// Creates the gateway of a profile. It registers one sleeper with the clock for each bus, in the order of the
-    /// profile.
+    /// Creates the gateway of a profile. For each bus, in the order of the profile, the function registers one sleeper
+    /// (timer of a task) with the clock.
     pub fn new(mut profile: Profile, clock: &Clock, options: Options) -> Gateway {
         if let Some(Pace { polls, axes }) = options.pace {
             profile.devices.iter_mut().for_each(|device| device.every = polls);
@@ -196,7 +196,8 @@ impl Gateway {
     }
 
     /// Runs until `shutdown` is ready, a task fails, or another program takes over. For a shutdown, the axes then run
-    /// their fault actions, or the registers keep their values, as the profile requires. `hurry` ends this phase early.
+    /// their fault actions, or the registers keep their values, as the profile requires. When `hurry` is ready, this
+    /// phase ends early.
     pub async fn run(
         mut self,
         shutdown: impl Future<Output = ()>,
@@ -294,8 +295,8 @@ impl Gateway {
         }
     }
 
-    /// Records that a task failed, and returns how to stop: with the fault actions, even if the profile keeps the
-    /// register values at an ordinary stop.
+    /// Records that a task failed. Always returns the stop with fault actions, even if the profile keeps the register
+    /// values at an ordinary stop.
     fn failed(&self) -> Option<OnStop> {
         self.shared.core().failed = true;
         Some(OnStop::FaultAction)
@@ -438,7 +439,8 @@ impl Gateway {
         lines.insert(tasks.spawn(again.run(listener)).id(), bus);
     }
 
-    /// Waits until all strobe signals are reset.
+    /// Waits until all strobe signals are reset, but not longer than three timeouts of the slowest bus. A strobe signal
+    /// requests the control to take the written values.
     async fn release_strobes(&self) {
         if !shutdown::leave(&self.shared) {
             return;
@@ -477,8 +479,8 @@ impl Gateway {
         }
     }
 
-    /// Waits until `is_over` returns `true`, and checks it at the interval `every`. Returns `false` if it does not
-    /// within `within`.
+    /// Calls `is_over` at the interval `every` until it returns `true`. Returns `false` if this takes longer than
+    /// `within`.
     async fn wait_until(
         &self,
         (within, every): (Duration, Duration),

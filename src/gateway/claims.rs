@@ -145,7 +145,7 @@ fn compare_with_others(own: &Claim, is_ignored: impl Fn(&Claim) -> bool) -> Resu
                     continue;
                 }
                 Answer::Failed(error) => {
-                    unseen = Some(format!("process {} did not say what it writes: {error}", other.process));
+                    unseen = Some(format!("process {} did not report its registers: {error}", other.process));
                     continue;
                 }
             };
@@ -173,7 +173,7 @@ fn is_same_gateway(own: &Claim, other: &Claim) -> bool {
     socket == control::path(&other.state, &other.machine) && control::presence(&socket) != Presence::Absent
 }
 
-/// Returns a random number.
+/// Returns a random number. If two gateways start at the same moment, the one with the lower number continues.
 fn random() -> u32 {
     let [a, b, c, d, ..] = RandomState::new().hash_one(0).to_be_bytes();
     u32::from_be_bytes([a, b, c, d])

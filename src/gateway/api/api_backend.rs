@@ -16,7 +16,8 @@ use crate::observe::status::{Answer, Command, GatewayApi, ReleaseRequest, Status
 use isotherm_core::compensation::MeasuredReport;
 use isotherm_core::quantity::{Moment, time};
 
-/// Access to the state and to the commands, each by its own handle.
+/// Access of web page, API and command socket to the gateway. One handle reads the state, the other one carries out
+/// commands.
 pub(in crate::gateway) struct ApiBackend {
     page: PageHandle,
     commands: CommandHandle,

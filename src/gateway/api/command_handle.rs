@@ -91,8 +91,8 @@ impl CommandHandle {
                         Some(place) if core.compensation.zero_axis(place, now) => {}
                         Some(_) => {
                             return Err(Explained::new(
-                                format!("another axis also uses the zero of a signal of axis {said}"),
-                                "zero all axes",
+                                format!("axis {said} and another axis use the zero of the same signal"),
+                                "capture zero for all axes together",
                             ));
                         }
                     }
@@ -132,8 +132,7 @@ impl CommandHandle {
         })
     }
 
-    /// Returns whether the command withdraws an action of one of these axes: an armed state, a request to arm, or a
-    /// sign check.
+    /// Returns whether the command ends the armed state, a request to arm, or a sign check of one of these axes.
     fn withdraws(&self, command: Command, axes: &[usize]) -> bool {
         let core = self.0.core();
         let does = |axis: &usize| {
@@ -344,7 +343,8 @@ impl CommandHandle {
         answer.map(Answer::Done).map_err(|why| why.to_string())
     }
 
-    /// Accepts the next value of each signal of a device that has jumped. The checks of the device must still pass.
+    /// Confirms a device whose signals have jumped: the next values of these signals are accepted. The checks of the
+    /// device must still pass.
     pub(in crate::gateway) fn confirm(&self, device: &str, requester: &Requester) -> Result<Answer, String> {
         let profile = &*self.0.profile;
         let place = profile.devices.iter().position(|known| known.name == device);
@@ -425,7 +425,7 @@ impl CommandHandle {
                 core.probing[place].forget = true;
                 core.probing[place].measured = None;
                 return Ok(format!(
-                    "{axis}: the correction from probings is removed; Cz changes step by step"
+                    "{axis}: the correction from probings is removed; Cz moves in steps to the value of the model"
                 ));
             };
             if core.phase.is_stopping() {
@@ -433,7 +433,7 @@ impl CommandHandle {
             }
             let of_radius = if settings.diameter { 0.5 } else { 1.0 };
             let error_of_radius = Micron::new(report.error_um * of_radius)
-                .ok_or("a measured error is a finite number, in µm")?;
+                .ok_or("the measured error must be a finite number, in µm")?;
             let now = shared.clock.now();
             let rejected = core.compensation.check_report(place, &report, (now, shared.clock.shift())).err();
             if let Some(why) = rejected {

@@ -492,12 +492,12 @@ fn line(exchange: &Exchange, json: bool) -> String {
 fn ended(count: u64, dropped: u64) -> String {
     let left_out = match dropped {
         0 => String::new(),
-        dropped => format!(", {dropped} more left out because they were not received fast enough"),
+        dropped => format!(", {dropped} more are left out because the client was too slow"),
     };
     match count {
         0 => {
             "end nothing was sent to the device: the gateway pauses after a failure (see the events), or the \
-             device has nothing to read\n"
+             profile reads nothing from the device\n"
                 .to_owned()
         }
         count => format!("end {}{left_out}\n", counted(count, "exchange")),

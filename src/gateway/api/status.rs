@@ -47,7 +47,8 @@ struct StatusSnapshot {
     learned: Vec<Option<LearnedStatus>>,
     outputs: Outputs,
     latest: Latest,
-    /// Readings at the time `now`: with their age, and rejected if their conditions are not fulfilled.
+    /// Readings at the time `now`. A reading that is too old is stale. A reading whose `fault_when` is true or unknown
+    /// is rejected.
     seen: Vec<Reading>,
     device_health: DeviceHealth,
     devices: Devices,
@@ -165,8 +166,8 @@ fn ended(status: &Status) -> HashSet<String> {
         .collect()
 }
 
-/// Returns the last verified Cz of an axis, and the time of the request that read it. If the axis has several outputs,
-/// the first one with a known Cz is used.
+/// Returns the last verified Cz (compensation value) of an axis, and the time of the request that read it. If the axis
+/// has several outputs, the first one with a known Cz is used. `None` if no Cz is known.
 fn verified(picture: &StatusSnapshot, axis: usize) -> Option<(Micron, Moment)> {
     let mut outputs = picture.outputs.of_axis(axis).filter(|(output, _)| output.writes.is_cz());
     outputs.find_map(|(_, state)| state.cz.zip(state.verified_at))

@@ -23,7 +23,7 @@ pub use profile::{KeptProfile, answer_of_check, memory_for_profile};
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Handover {
-    /// Requester of the replacement, in the form in which a sentence names it.
+    /// Requester of the replacement, as a phrase for a sentence about the replacement.
     pub by: String,
     /// Names of the armed axes, with their Cz.
     pub armed: BTreeMap<String, Micron>,
@@ -52,8 +52,8 @@ impl Handover {
         handover
     }
 
-    /// Applies the handover to a new gateway. Each armed axis gets a request to arm, which waits for missing conditions
-    /// as that of an operator. Each axis that was off remains off.
+    /// Applies the handover to a new gateway. Each armed axis gets a request to arm. The request waits for missing
+    /// conditions, like a request of an operator. Each axis that was off remains off.
     pub(in crate::gateway) fn go_on(&self, core: &mut GatewayState, now: Moment) {
         let profile = core.given.profile.clone();
         for (place, axis) in profile.axes.iter().enumerate() {

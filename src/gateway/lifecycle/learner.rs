@@ -1,4 +1,5 @@
-//! Daily learning: a thread starts `isotherm learn` as a child process, and gives its candidates to the axes.
+//! Daily learning: a thread starts `isotherm learn` as a child process, and passes its candidates (proposed
+//! models) to the axes.
 //!
 //! ```text
 //! start ──(10 min)──► learned less than 20 h ago? ──no──► child ──► candidates ──► axes
@@ -7,9 +8,9 @@
 //! ```
 //!
 //! - The child has the lowest priority and a limit for its memory, which it sets itself. The lines do not wait for it.
-//! - The thread reads the candidates when the gateway starts, after each child, and when a person has learned them with
+//! - The thread reads the candidates when the gateway starts, after each child, and when an operator has run
 //!   `isotherm learn`.
-//! - A child that runs for more than an hour is killed. So is one that runs when the gateway stops.
+//! - A child is killed if it runs for more than an hour, or if the gateway stops.
 
 use std::ffi::OsString;
 use std::io::Read;
@@ -31,9 +32,10 @@ use isotherm_profile::safe_file::cut;
 
 /// Interval of the checks whether the child has ended.
 const CHECKED_EVERY: Duration = Duration::from_millis(500);
-/// Interval of the checks whether a person has learned another candidate.
+/// Interval of the checks whether `isotherm learn` has written another candidate, for example because an operator runs
+/// it.
 const WATCHED_EVERY: Duration = Duration::from_secs(2);
-/// Longest run of a child.
+/// Maximum duration of one run of the child. A longer run is killed.
 const LONGEST: Duration = Duration::from_secs(3600);
 /// Largest part of the child's messages that is read, in bytes.
 const MOST_SAID: u64 = 64 * 1024;
@@ -45,7 +47,7 @@ const SHOWN: usize = 300;
 pub struct LearnCommand {
     /// Path of the program.
     pub program: PathBuf,
-    /// Its arguments.
+    /// Arguments of the program.
     pub arguments: Vec<OsString>,
     /// Times at which the program is started.
     pub times: LearnTimes,
@@ -89,7 +91,8 @@ impl Drop for Learner {
 }
 
 impl Learner {
-    /// Starts the thread, if an axis learns and a program is given. The candidates are read at once.
+    /// Starts the learning thread, and reads the candidates (proposed models) at once. Returns `None` if no axis
+    /// learns, no program is given, or the thread cannot be started.
     pub(in crate::gateway) fn start(
         shared: Arc<Shared>,
         command: Option<LearnCommand>,
@@ -112,15 +115,15 @@ impl Learner {
     }
 }
 
-/// Work of the thread.
+/// Work of the learning thread: starts the learning program, and passes its candidates to the axes.
 struct Work {
     shared: Arc<Shared>,
-    /// Axes that learn.
+    /// Indices of the axes that learn a model.
     axes: Vec<usize>,
     directory: PathBuf,
     /// Channel that is closed when the gateway stops.
     stopped: Receiver<()>,
-    /// Versions of the candidates' files that were read last.
+    /// For each axis that learns: version of its candidate's file that was read last. `None` if the file did not exist.
     read: Vec<Option<Version>>,
 }
 
@@ -153,7 +156,8 @@ impl Work {
         }
     }
 
-    /// Waits for this time, and takes the candidates that a person learns meanwhile. Returns `false` if the gateway stops.
+    /// Waits for `span`. Passes each candidate that `isotherm learn` writes in the meantime to its axis. Returns
+    /// `false` if the gateway stops.
     fn watches(&mut self, span: Duration) -> bool {
         let mut rest = span;
         loop {
@@ -182,13 +186,13 @@ impl Work {
         self.axes.iter().map(version).collect()
     }
 
-    /// Waits for this time. Returns `false` if the gateway stops.
+    /// Waits for `span`. Returns `false` if the gateway stops.
     fn waits(&self, span: Duration) -> bool {
         self.stopped.recv_timeout(span) == Err(RecvTimeoutError::Timeout)
     }
 
-    /// Returns the age of the newest learning record, by the computer's clock. `None` if there is none, or if the clock
-    /// was set back.
+    /// Returns the age of the learning record that is oldest among the axes, by the computer's clock. `None` if an axis
+    /// has no record, or if the clock was set back.
     fn age(&self) -> Option<Duration> {
         let products = candidates::products(&self.directory, &self.shared.profile.name);
         let modified = |axis: &usize| {
@@ -202,7 +206,7 @@ impl Work {
         now.checked_sub(oldest).map(Duration::from_secs)
     }
 
-    /// Reads the candidate of each axis, and gives it to the axis.
+    /// Reads the candidate (proposed model) of each axis, and passes the candidate to the axis.
     fn take_candidates(&mut self) {
         self.read = self.versions();
         let place = (self.directory.as_path(), self.shared.profile.name.as_str());
@@ -217,7 +221,7 @@ impl Work {
         self.shared.wake();
     }
 
-    /// Runs the learning program to its end.
+    /// Runs the learning program until it ends. An error means that the program failed, or that the gateway stops.
     fn learn(&self, command: &LearnCommand) -> Result<(), LearnFailure> {
         let shown = command.program.display();
         let cannot =
@@ -244,7 +248,8 @@ impl Work {
         }
     }
 
-    /// Waits until the child has ended.
+    /// Waits until the child has ended, and returns its exit status. An error means that the child runs for too long,
+    /// or that the gateway stops.
     fn ended(&self, child: &mut Child) -> Result<ExitStatus, LearnFailure> {
         let mut waited = Duration::ZERO;
         loop {
@@ -258,14 +263,16 @@ impl Work {
             }
             waited += CHECKED_EVERY;
             if waited >= LONGEST {
-                return Err(LearnFailure::Failed("it ran for more than an hour and was ended".to_owned()));
+                return Err(LearnFailure::Failed(
+                    "the learning program ran for more than an hour and was killed".to_owned(),
+                ));
             }
         }
     }
 }
 
-/// Returns why the child failed, from its end and its messages. The kernel kills a child that takes too much memory,
-/// and the child can report nothing then.
+/// Returns the cause of a failed child, from its exit status and its messages. If the kernel kills a child that uses
+/// too much memory, the child cannot report anything.
 fn cause(status: ExitStatus, said: &str) -> String {
     if status.signal() == Some(rustix::process::Signal::KILL.as_raw()) {
         return "the learning program was killed, probably because it took more memory than this computer or the \

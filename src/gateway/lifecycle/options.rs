@@ -16,9 +16,10 @@ use isotherm_profile::Bus;
 /// Function that creates the connection of a bus. It returns `None` for a bus that needs no connection.
 pub type Dialer = Arc<dyn Fn(&Bus) -> Option<Box<dyn Dial>> + Send + Sync>;
 
-/// Options of a gateway.
+/// Settings of a gateway that are not in its profile, for example directories, threads and interfaces that tests
+/// replace.
 pub struct Options {
-    /// Reads, calculates and shows values, but writes nothing to a device.
+    /// Whether the gateway only reads, calculates and shows values, and writes nothing to a device.
     pub dry_run: bool,
     /// Directory of state and logs; with `None`, nothing is stored. The caller must then ensure that no write of an
     /// earlier run can still arrive at a register.
@@ -39,24 +40,24 @@ pub struct Options {
     /// Period of all polls and of all axes, instead of the periods of the profile. A test bench is often faster than a
     /// profile permits.
     pub pace: Option<Pace>,
-    /// Gives readings the time of their answers instead of that of their requests. Tests use this wrong time to show
-    /// why the time of the request is correct.
+    /// Whether readings get the time of their answers instead of that of their requests. Tests use this wrong time to
+    /// show why the time of the request is correct.
     #[doc(hidden)]
     pub is_unchecked: bool,
     /// Figures about publishing to an MQTT broker; `None` without a broker.
     pub broker: Option<Arc<BrokerFigures>>,
-    /// Files of the profile that have changed on disk. Empty if no other part compares them.
+    /// Files of the profile that have changed on disk. Empty if no task compares the files.
     pub profile_changes: Arc<ProfileChanges>,
-    /// Receiver of every event since the start; `None` if no other part requires them.
+    /// Receiver of every event since the start; `None` if no program receives the events.
     pub listener: Option<EventListener>,
-    /// Text of events in the log of the program.
+    /// Text of events in the log of the program: with or without the hint to the operator.
     pub logged_text: LoggedText,
     /// Handover from the previous program in the same process, or the reason why it is rejected. `Ok(None)` after an
     /// ordinary start.
     pub handover: Result<Option<Handover>, String>,
     /// Program that learns the models of the axes once a day; `None` if no program learns.
     pub learn: Option<LearnCommand>,
-    /// Permission to move released registers. The error is the reason why not.
+    /// Whether released registers may be moved to their base values. The error is the reason why not.
     pub may_release: Result<(), String>,
     /// Function that ends the process. The watchdog calls it if a blocked gateway cannot even stop.
     pub give_up: Arc<dyn Fn() + Send + Sync>,

@@ -222,7 +222,7 @@ fn name_as(profile: &Profile, places: &Places, entries: &mut Entries) {
     }
 }
 
-/// Returns the outputs as the previous run left them, by their present names.
+/// Returns the state of each output at the end of the previous run, by the present name of the output.
 fn outputs(restored: &RestoredMemory, entries: &Entries) -> BTreeMap<String, KnownOutput> {
     let own = entries.iter().filter(|(name, entry)| !restored.places.is_of_a_release(name, entry));
     let entries: BTreeMap<&String, &Entry> =

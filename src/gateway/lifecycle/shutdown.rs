@@ -60,7 +60,7 @@ pub(in crate::gateway) fn end_registers(shared: &Shared) {
 }
 
 /// Requests the lines to reset each strobe signal that is set, and each control word that may report an armed axis.
-/// Returns whether there is such an output.
+/// Returns `true` while such a signal or control word exists.
 pub(in crate::gateway) fn leave(shared: &Shared) -> bool {
     let mut core = shared.core();
     // If the registers keep their values, the control continues with them.

@@ -80,8 +80,8 @@ impl Watchdog {
     }
 }
 
-/// Observations of one line. A line counts as blocked after a number of checks without progress. It is not a time,
-/// because a pause of the computer is no fault of the line.
+/// Observations of one line. A line counts as blocked after a number of checks without progress. The limit is not a
+/// time, because a pause of the computer is no fault of the line.
 struct LineObservation {
     turns: u64,
     /// Number of consecutive checks in which the line task has done nothing.

@@ -14,7 +14,7 @@ use isotherm_profile::{Bus, NamedFile, OpcUaServer, Profile, ServerLogin, User};
 /// Time before the expiry at which the expiry is reported. The user can replace the certificate in this time.
 const BEFORE: Duration = Duration::from_hours(30 * 24);
 const LOOK_EVERY: Duration = Duration::from_hours(1);
-/// Name of the OPC UA server in the place of a bus.
+/// Name of the gateway's OPC UA server in messages that otherwise name a bus.
 const SERVER: &str = "opcua_server";
 
 /// Certificates of a profile that expire within 30 days of `now`, or have expired.
@@ -49,27 +49,29 @@ pub fn weak(profile: &Profile) -> Vec<String> {
         let (owner, remedy) = match whose {
             CertificateOwner::Gateway => (
                 "gateway",
-                "Move it and its key away, and make both again (`isotherm opcua certificate PROFILE`)",
+                "Move the certificate and its key away, and create both again (`isotherm opcua certificate PROFILE`)",
             ),
-            CertificateOwner::User => ("user", "Make a new one with 2048 bits and SHA-256"),
+            CertificateOwner::User => ("user", "Create a new certificate with 2048 bits and SHA-256"),
             CertificateOwner::Server => (
                 "server",
-                "If the server can make one with 2048 bits and SHA-256, renew it there, then run `isotherm \
+                "If the server supports 2048 bits and SHA-256, renew its certificate there, then run `isotherm \
                  opcua trust PROFILE`",
             ),
             CertificateOwner::OwnServer => (
                 "OPC UA server",
-                "Move it and its key away, and make both again (`isotherm opcua certificate PROFILE --server`)",
+                "Move the certificate and its key away, and create both again (`isotherm opcua certificate \
+                 PROFILE --server`)",
             ),
-            CertificateOwner::Client => {
-                ("client", "If the client can make one with 2048 bits and SHA-256, replace this file with it")
-            }
+            CertificateOwner::Client => (
+                "client",
+                "If the client supports 2048 bits and SHA-256, renew its certificate there, and replace this file",
+            ),
         };
         let about = if bus == SERVER { format!("[{bus}]") } else { format!("bus {bus}") };
         let is_refused =
             bus == SERVER && certificate.has_short_key() && clients.contains(&file.name.as_str());
         let (effect, remedy) = match is_refused {
-            true => ("The server refuses this client", "Replace it by one with 2048 bits and SHA-256"),
+            true => ("The server refuses this client", "Replace it by a certificate with 2048 bits and SHA-256"),
             false => ("The gateway uses it", remedy),
         };
         let file = &file.name;

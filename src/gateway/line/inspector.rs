@@ -1,7 +1,7 @@
 //! Reads the checks of the devices on one line. CANopen nodes are set up first, before each of their starts.
 //!
-//! The checks of a device are read before any axis that needs the device is armed. They are read again after each event
-//! after which another device or other settings are possible (a break of the continuity). While one of them does not
+//! The checks of a device are read before any axis that needs the device is armed. They are read again after each break
+//! of the continuity: an event after which another device or other settings are possible. While one of them does not
 //! pass, they are read every few seconds. While the device is confirmed, each check is read once in its period. This
 //! detects settings that are changed at the device: a module that sends whole degrees instead of tenths sends plausible
 //! temperatures.
@@ -68,12 +68,12 @@ struct Inspection {
     again: Vec<Repetition>,
 }
 
-/// Means by which a device is identified.
+/// Means by which the gateway verifies that a device is the expected one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Identified {
     ByChecks,
-    /// The namespaces of its server alone identify the device. `is_new`: they were not compared since the task of the
-    /// line began.
+    /// The device has no checks. Only the OPC UA namespaces of its server identify the device. `is_new`: the namespaces
+    /// were not compared since the task of the line began.
     ByNamespaces {
         is_new: bool,
     },
@@ -187,9 +187,9 @@ impl Inspector {
         }
     }
 
-    /// Compares the namespaces of an OPC UA server with the profile. If one cannot be identified, the devices are
-    /// reported as changed. If all can, the checks of the devices are read. A device without checks is then as
-    /// expected.
+    /// Compares the namespaces of an OPC UA server with the profile. If a namespace cannot be identified, the devices
+    /// are reported as changed. Otherwise, the checks of the devices are read. A device without checks then counts as
+    /// verified.
     fn check_namespaces(&mut self, shared: &LineHandle) {
         let Some(table) = shared.core().devices.namespaces(self.bus) else { return };
         if !self.namespaces.check(shared.profile.bus(self.bus), &table, &mut shared.core()) {
@@ -292,7 +292,7 @@ impl Inspection {
         true
     }
 
-    /// Takes the result of a round of checks, and plans the next round.
+    /// Processes the result of a round of checks, and sets the time of the next round.
     fn take_round(&mut self, shared: &LineHandle, found: CheckRound) {
         let pause = match &found {
             // The answers may come from two devices.
@@ -312,8 +312,8 @@ impl Inspection {
         }
     }
 
-    /// Sets the device up and reads every check. `breaks`: number of breaks of continuity so far. `differences`: those
-    /// that are already known.
+    /// Sets the device up and reads every check. `breaks`: number of breaks of continuity so far. `differences`:
+    /// differences from the expected values that are already known.
     async fn read_all(
         &mut self,
         line: &mut DeviceLine,

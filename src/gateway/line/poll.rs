@@ -96,7 +96,7 @@ enum Turn {
     Beat,
     /// Reads checks of devices that are due.
     Inspect,
-    /// One request of the device at this index.
+    /// One request to the device at this index.
     Read(usize),
     Step,
     /// Work on the output or set at this index.

@@ -1,4 +1,5 @@
-//! Demand on an output, from the state that all lines share.
+//! Demand on an output: the value that its axis requires, and the conditions under which the value may be written. The
+//! demand is taken from the state that all lines share.
 
 use crate::gateway::shared::line_handle::LineHandle;
 use crate::gateway::shared::state::GatewayState;
@@ -9,10 +10,10 @@ use isotherm_core::quantity::{Micron, Moment};
 use isotherm_core::reading::SignalId;
 use isotherm_profile::{OutputId, Writes};
 
-/// Demand on an output in µm.
+/// Demand on an output: required value in µm, and the conditions under which the value may be written.
 pub(super) struct OutputDemand {
-    /// Cz. For an output that writes a slope: the effect of the slope at the axis's largest distance from the reference
-    /// position.
+    /// Cz (compensation value) that the axis requires. For an output that writes a slope: the effect of the slope at
+    /// the axis's largest distance from the reference position.
     cz: Micron,
     /// Target that `cz` approaches.
     target: Micron,
@@ -25,7 +26,7 @@ pub(super) struct OutputDemand {
     pub(super) position: Option<f64>,
     /// Latest moment at which a change may be sent. After it, the readings of the change are too old.
     pub(super) not_after: Moment,
-    /// Condition of the interlock.
+    /// State of the interlock (`when` of the output): it permits writes, forbids writes, or is unknown.
     pub(super) interlock: Condition,
     /// Number of restarts of the control so far.
     restarts: u64,

@@ -5,12 +5,12 @@ use isotherm_core::explained::Cause;
 use isotherm_core::output::{Fact, Input};
 use isotherm_profile::counted;
 
-/// Consecutive unanswered writes after which they are reported, if the device answers reads.
+/// Number of consecutive unanswered writes after which they are reported, if the device answers reads.
 const DEAF: u64 = 3;
 /// Number of consecutive failures with a new cause, after which that cause is reported.
 const CHANGED_AFTER: u32 = 20;
 
-/// Kind of request that a device was sent.
+/// Kind of request to the register of an output.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum RequestKind {
     Read,
@@ -32,7 +32,7 @@ enum Alarm {
 pub(super) struct Failures {
     /// Reported kind of failed request. It is cleared when a request of that kind succeeds.
     reported: Option<RequestKind>,
-    /// Reported cause, with the count of failures for another cause.
+    /// Reported cause of the failures, and the number of later failures with another cause.
     cause: Option<Cause<Fault>>,
     /// Number of failed writes since a write was last answered.
     failed_writes: u64,
@@ -40,7 +40,7 @@ pub(super) struct Failures {
     alarm: Alarm,
 }
 
-/// Result of the last read of a register.
+/// Whether the last read of a register was answered.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 enum LastRead {
     #[default]
@@ -90,7 +90,7 @@ impl Failures {
         self.last_read = if answers { LastRead::Answered } else { LastRead::NotAnswered };
     }
 
-    /// Records the result of an exchange.
+    /// Records the result of an exchange. After a success, the next failure is reported again.
     pub(super) fn result(&mut self, input: Input) {
         match input {
             Input::Fact(Fact::Done { .. }) => {

@@ -195,8 +195,8 @@ impl Position {
         encoded
     }
 
-    /// Handles a value read back that differs from the written one. It is reported once, and the next position is
-    /// written normally.
+    /// Handles a value read back that differs from the written one. The difference is reported once, and the next
+    /// position is written normally.
     fn is_not_shown(
         &mut self,
         shared: &LineHandle,

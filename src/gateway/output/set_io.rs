@@ -1,4 +1,5 @@
-//! Requests for all values of an output set, which are in registers or in nodes.
+//! Reads and writes of all values of an output set (outputs that are written together). The values are in Modbus
+//! registers or in OPC UA nodes.
 
 use super::turn::LineTurn;
 use super::{set_modbus, set_opcua};

@@ -1,4 +1,4 @@
-//! Output that is written by itself.
+//! Executor of an output that is written separately, and not as a part of an output set.
 
 use super::demand::OutputDemand;
 use super::failures::RequestKind;

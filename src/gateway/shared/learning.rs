@@ -1,4 +1,5 @@
-//! Candidates and adoptions of learned models, under the lock.
+//! Candidates (proposed learned models) of the axes, and their adoption. The functions run while the shared state is
+//! locked.
 
 use super::state::GatewayState;
 use crate::gateway::state::learning::{Consequence, back, day};
@@ -12,8 +13,8 @@ use isotherm_profile::Profile;
 const LEARN_AGAIN: &str = "run `isotherm learn` again";
 
 impl GatewayState {
-    /// Takes the candidate of an axis that `isotherm learn` has written. If the profile allows it, the gateway adopts a
-    /// better one at the next datum.
+    /// Takes the candidate (proposed model) of an axis that `isotherm learn` has written. If the profile allows it, the
+    /// gateway adopts a better candidate at the next datum (new zero point of Cz).
     pub(in crate::gateway) fn take_candidate(&mut self, axis: usize, offer: Option<Offer>) {
         let profile = self.given.profile.clone();
         let Some(preference) = self.compensation.preference(axis) else { return };
@@ -78,8 +79,8 @@ impl GatewayState {
         Ok(format!("{name}: follows {to} from the next step in which Cz does not move"))
     }
 
-    /// Requests a change of the preferred model, and records the request in the log. With `None`, no change waits any
-    /// more.
+    /// Requests a change of the preferred model, and records the request in the log. `None` withdraws a waiting
+    /// request.
     fn prefer(&mut self, axis: usize, change: Option<Change>) -> Result<(), Explained> {
         let rejected = |unfit: Unfit| Explained::new(unfit.to_string(), LEARN_AGAIN);
         self.compensation.prefer(axis, change.clone()).map_err(rejected)?;
@@ -87,7 +88,8 @@ impl GatewayState {
         Ok(())
     }
 
-    /// Records in the log that a change of the preferred model was requested, or that none waits any more.
+    /// Records in the log a request to change the preferred model. `None` records that the waiting request was
+    /// withdrawn.
     fn requested(&mut self, axis: usize, change: Option<&Change>) {
         self.storage.preferred(axis, change);
         self.storage.remember_soon();

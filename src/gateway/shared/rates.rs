@@ -25,8 +25,8 @@ pub(in crate::gateway) enum RateSubject {
     Nothing,
 }
 
-/// Present time, by the clock of the machine and by the time that really passes. In a demo the two differ. A command is
-/// allowed after one second by either clock.
+/// Present time by two clocks: `machine` is the time of the machine, `passed` is real time. In a demo the two differ. A
+/// command is allowed after one second by either clock.
 #[derive(Clone, Copy, Debug)]
 pub(in crate::gateway) struct PresentTime {
     pub(in crate::gateway) machine: Moment,

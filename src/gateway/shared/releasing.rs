@@ -35,7 +35,8 @@ const OVER: (&str, &str) = (
     "nothing is left to do: the next start does not have this axis",
 );
 
-/// Creates a request to arm the axis of each release that begins with this start.
+/// Creates a request to arm the axis of each release that begins with this start. A release returns a register to its
+/// base value.
 pub(in crate::gateway) fn begin(core: &mut GatewayState, now: Moment) {
     for ReturningRegister { axis, release, .. } in core.releases.returning.clone() {
         let by = Requester::new(Channel::Restart, format!("released {}", release.by));
@@ -85,7 +86,7 @@ pub(super) fn follow(core: &mut GatewayState) {
     }
 }
 
-/// Saves the progress of a release in the state.
+/// Saves the progress of a release (return of a register to its base value) in the state.
 fn note(core: &mut GatewayState, one: &ReturningRegister) {
     let known = core.releases.returning.iter_mut().find(|known| known.axis == one.axis);
     if known.as_ref().is_some_and(|known| **known == *one) {
@@ -97,8 +98,8 @@ fn note(core: &mut GatewayState, one: &ReturningRegister) {
     saved.filter(|saved| saved.is_of(output, place)).for_each(|saved| saved.clone_from(&one.release));
 }
 
-/// Removes a release from the state. Returns the former register, or `None` if the operator has confirmed it in the
-/// meantime.
+/// Removes a release (return of a register to its base value) from the state. Returns the former register, or `None` if
+/// the operator has confirmed it in the meantime.
 fn remove(core: &mut GatewayState, one: &ReturningRegister) -> Option<FormerPlace> {
     let Release { output, place, .. } = &one.release;
     core.releases.returning.retain(|known| known.axis != one.axis);

@@ -101,7 +101,7 @@ pub(in crate::gateway) fn progress(
     })
 }
 
-/// Returns whether an axis has no model, and a register of it does not hold zero.
+/// Returns `true` if the axis has no model, and one of its registers does not hold zero.
 fn is_away(core: &GatewayState, axis: usize) -> bool {
     let (profile, _) = given(core);
     let guard = &profile.axes[axis].settings.guard;

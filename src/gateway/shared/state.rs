@@ -47,7 +47,7 @@ pub(in crate::gateway) struct GatewayState {
     pub(in crate::gateway) compensation: Compensation,
     pub(in crate::gateway) arming: DirtyVec<Arming>,
     pub(in crate::gateway) probing: DirtyVec<Probing>,
-    /// For each axis: its candidate.
+    /// For each axis: its candidate (proposed learned model), and what was reported about the candidate.
     pub(in crate::gateway) learning: Vec<AxisLearning>,
     pub(in crate::gateway) outputs: Outputs,
     /// For each output: controller of its register, as its line task saved it. `None` for an output that writes a
@@ -77,7 +77,8 @@ pub(in crate::gateway) struct GatewayState {
     /// Time at which the next axis is due, or the next report of signals if there is no axis. `None` before the first
     /// such report, and after a request to stop that moves no axis.
     pub(in crate::gateway) next_due: Option<Moment>,
-    /// Requester who has let another program replace this gateway, in the form in which a sentence names it.
+    /// Requester of the replacement by another program, as a phrase for a sentence. Empty if no replacement was
+    /// requested.
     pub(in crate::gateway) replaced_by: String,
     /// Whether an internal fault has occurred. The process then ends with an error after the fault actions.
     pub(in crate::gateway) failed: bool,
@@ -377,7 +378,8 @@ impl GatewayState {
         for axis in 0..self.arming.len() {
             let Some(asked) = &self.arming[axis].asked else { continue };
             let why = if asked.by.has_left() {
-                format!("cancelled: the client that requested it has disconnected ({:?})", asked.by).into()
+                format!("cancelled: the client that requested to arm has disconnected ({:?})", asked.by)
+                    .into()
             } else if now >= asked.until {
                 let timeout = duration_text(self.given.profile.arm_timeout);
                 let expired = |why: &str| format!("the request to arm has expired after {timeout}: {why}");

@@ -57,7 +57,8 @@ pub(in crate::gateway) struct Arming {
     pub(in crate::gateway) sign_ended: Option<Explained>,
     /// Reason for the last refused attempt to arm. The same reason is not reported a second time.
     pub(in crate::gateway) refusal: Option<Explained>,
-    /// Cz from which the next step of the axis resumes.
+    /// Cz from which the next step of the axis resumes, for example the value of its register. `None` if the step
+    /// continues from the last decision.
     pub(in crate::gateway) take_over: Option<Micron>,
     /// Effect of the slope in the control, at the axis's largest distance from the reference position. The next step of
     /// the axis resumes from this value.
@@ -146,7 +147,8 @@ impl Arming {
         !self.is_armed() && self.is_wanted(profile, axis)
     }
 
-    /// Returns the intended operation of the axis, for its display.
+    /// Returns the requested mode of the axis, for its display: arm, follow the model, check the sign, or none without
+    /// a model.
     pub(in crate::gateway) fn intent(&self, profile: &Profile, axis: usize) -> Intent {
         match self.sign {
             None if !profile.axes[axis].has_model() => Intent::Unmodelled,

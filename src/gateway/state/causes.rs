@@ -1,4 +1,4 @@
-//! Causes of the states of the axes.
+//! Causes of the states of the axes, as text for the operator.
 
 use std::borrow::Cow;
 
@@ -20,7 +20,7 @@ pub(in crate::gateway) const WHEN_FOUND: &str = "arm the axis again when the cau
 /// Hint for a sensor that is lost or frozen.
 pub(super) const SEE_TO_THE_SENSOR: &str = "look at the sensor, its cable and its channel";
 
-/// State from which the cause is derived.
+/// Parts of the gateway's state from which the cause of an axis's state is derived.
 #[derive(Clone, Copy)]
 pub(in crate::gateway) struct CauseInputs<'a> {
     pub(in crate::gateway) profile: &'a Profile,
@@ -218,7 +218,7 @@ fn lacking(
         .into(),
         Unusable::MachineOff => Explained::new("no machine start seen yet", RUN_IT),
         Unusable::NotANumber => Explained::new(
-            "the model gives no number",
+            "the result of the model is not a finite number",
             "check the coefficients of the model and the values of its signals",
         ),
     }

@@ -18,9 +18,9 @@ use isotherm_profile::{AxisId, BusId, Device, DeviceId, Members, Profile};
 #[derive(Clone, Debug)]
 pub(in crate::gateway) struct Devices {
     devices: Vec<DeviceContinuity>,
-    /// Devices of each axis: those that its models read, and those that its outputs write to.
+    /// For each axis: the devices that its models read or its outputs write to.
     of_axis: Members,
-    /// Axes that have each device as one of theirs.
+    /// For each device: the axes that read it or write to it.
     axes_of: Members,
     /// For each device: the axes whose models read the device, each with the values that it held before the last round
     /// of passed checks.
@@ -28,7 +28,7 @@ pub(in crate::gateway) struct Devices {
     /// For each device: the axes whose models read the device, each with its values at the beginning of the present
     /// round of checks.
     held_in_round: Vec<Vec<(usize, ReturnTo)>>,
-    /// Axes whose models read each device.
+    /// For each device: the axes whose models read it.
     read_by: Members,
     /// For each bus that is an OPC UA server: table of the namespaces that the profile names by index.
     namespaces: Vec<Option<NamespaceTable>>,
@@ -136,7 +136,7 @@ impl Devices {
         of_device.append(in_round);
     }
 
-    /// Discards the values of axes that count from this reference, because it is captured again.
+    /// Discards the recorded values of the axes that use this reference, because the reference is captured again.
     pub(in crate::gateway) fn forget_held(&mut self, profile: &Profile, reference: Reference) {
         let is_kept = |axis: usize| !profile.axis(AxisId(axis)).counts_from(reference);
         self.held
@@ -145,7 +145,7 @@ impl Devices {
             .for_each(|held| held.retain(|(axis, _)| is_kept(*axis)));
     }
 
-    /// Records the value that an axis held when it was armed, at each device of its models.
+    /// Records the value that an axis held when it was armed, for each device that its models read.
     pub(in crate::gateway) fn armed(&mut self, axis: usize, held: ReturnTo) {
         for device in self.of_axis.of(axis) {
             self.held_in_round[device].retain(|(known, _)| *known != axis);

@@ -111,7 +111,7 @@ fn follows_steps_of_axes(output: &Output) -> bool {
     output.set.is_some() || output.writes.position().is_none() || output.display.stale.is_some()
 }
 
-/// Returns the lines of [`Dependents::stepping`].
+/// Returns the line on which each axis is stepped. Without an axis, returns the line of the first signal.
 fn home_lines(profile: &Profile) -> impl Iterator<Item = BusId> {
     let mut outputs = vec![None; profile.axes.len()];
     for output in profile.outputs.iter().rev() {

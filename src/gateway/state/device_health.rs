@@ -49,11 +49,11 @@ pub(in crate::gateway) struct DeviceHealth {
     reads: Arc<PlannedReads>,
     pub(in crate::gateway) devices: Vec<DeviceCount>,
     pub(in crate::gateway) buses: Vec<BusCount>,
-    /// Age of each signal by the timestamp of its server, at its last read.
+    /// For each signal: age by the timestamp of its server, at the last read. `None` without a timestamp.
     pub(in crate::gateway) stamped: Vec<Option<Duration>>,
 }
 
-/// Requests and failures of one device.
+/// Numbers of requests and failures of one device, and its present loss.
 #[derive(Clone, Debug, Default)]
 pub(in crate::gateway) struct DeviceCount {
     pub(in crate::gateway) requests: u64,
@@ -85,7 +85,7 @@ pub(in crate::gateway) struct DisconnectedLine {
     cause: Cause<String>,
 }
 
-/// Connection and cycles of one line.
+/// Connection state of one line, and the numbers of its cycles and late cycles.
 #[derive(Clone, Debug, Default)]
 pub(in crate::gateway) struct BusCount {
     pub(in crate::gateway) connected: bool,

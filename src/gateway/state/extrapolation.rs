@@ -33,7 +33,7 @@ fn message(profile: &Profile, found: &Extrapolation) -> String {
     format!("extrapolating: {farthest}; distance {distance:.1}, the limit is {reach:.1}; {does}")
 }
 
-/// Returns cause and hint without the figures, which change all the time.
+/// Returns cause and hint of an extrapolation. They contain no figures, because figures change all the time.
 pub(super) fn cause(profile: &Profile, found: &Extrapolation) -> Explained {
     let farthest = farthest(profile, found, |_, _| "is ".to_owned());
     Explained::new(format!("extrapolating: {farthest}"), MEASURE)

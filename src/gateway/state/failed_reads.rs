@@ -1,5 +1,5 @@
-//! Reads of a device whose last attempt failed. The advice in a message depends on their extent, and on whether the
-//! device answers other requests.
+//! Reads of a device whose last attempt failed. The advice in a message depends on the size of the failed read, and on
+//! whether the device answers other requests.
 
 use crate::fieldbus::error::Fault;
 use crate::fieldbus::seen::{Asked, Others, Seen};
@@ -7,8 +7,8 @@ use crate::fieldbus::wire::Request;
 use isotherm_core::reading::SignalId;
 use isotherm_profile::{DeviceId, Profile};
 
-/// Number of failures of a read in a row, without an answer to another request between them. Afterwards it is not known
-/// any more that the device answers others: the device may be lost.
+/// Number of consecutive failures of a read after which the device may be lost. The count begins again when the device
+/// answers another request.
 const OTHERS_UNKNOWN_AFTER: u8 = 3;
 
 /// Planned reads of registers of all devices.
@@ -16,11 +16,12 @@ const OTHERS_UNKNOWN_AFTER: u8 = 3;
 pub(in crate::gateway) struct PlannedReads {
     /// Reads of each device, in the order of their requests.
     of_device: Vec<Vec<PlannedRead>>,
-    /// Place of the read of each signal among those of its device. `None` for a signal that is not read from registers.
+    /// For each signal: index of its read in the list of its device. `None` for a signal that is not read from
+    /// registers.
     of_signal: Vec<Option<usize>>,
 }
 
-/// Planned read.
+/// One planned read: its request, and the size of the read for advice in messages.
 #[derive(Debug)]
 struct PlannedRead {
     request: Request<'static>,
@@ -33,7 +34,7 @@ pub(in crate::gateway) struct FailedReads(Vec<FailedRead>);
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct FailedRead {
-    /// Place of the read among those of its device.
+    /// Index of the read in the list of its device.
     place: usize,
     fault: Fault,
     others: Others,
@@ -59,7 +60,7 @@ impl PlannedReads {
         PlannedReads { of_device, of_signal }
     }
 
-    /// Returns the place of a planned read among those of its device; `None` for another request.
+    /// Returns the index of a planned read in the list of its device; `None` for any other request.
     fn place(&self, device: DeviceId, request: Request<'_>) -> Option<usize> {
         self.of_device[device.0].iter().position(|read| read.request == request)
     }

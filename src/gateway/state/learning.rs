@@ -1,5 +1,5 @@
-//! Learned model of an axis: the candidate that is offered, and the change of the preferred model that follows from it.
-//! The types use no lock and no disk.
+//! Learned model of an axis: the candidate (proposed model), and the resulting change of the preferred model. The types
+//! use no lock and no disk.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -14,7 +14,7 @@ use isotherm_profile::Profile;
 /// Hint for a candidate that does not fit the profile.
 const LEARN_AGAIN: &str = "run `isotherm learn` again";
 
-/// Candidate of one axis, and what was reported about it.
+/// Candidate (proposed model) of one axis, and what was reported about it.
 #[derive(Clone, Debug, Default)]
 pub(in crate::gateway) struct AxisLearning {
     /// Candidate that `isotherm learn` has written last; `None` if there is none.
@@ -25,19 +25,19 @@ pub(in crate::gateway) struct AxisLearning {
     reported: Option<String>,
 }
 
-/// Consequence of a candidate for the preferred model of its axis.
+/// Consequence of a new candidate (proposed model) for the preferred model of its axis.
 #[derive(Clone, Debug, PartialEq)]
 pub(in crate::gateway) enum Consequence {
     /// Nothing changes.
     None,
-    /// A waiting adoption of an earlier candidate ends.
+    /// The waiting adoption of an earlier candidate is withdrawn.
     Withdraw,
-    /// The candidate is adopted at the next datum.
+    /// The candidate is adopted at the next datum (new zero point of Cz).
     Adopt(Change),
 }
 
 impl AxisLearning {
-    /// Creates the learning of an axis at the start of a run.
+    /// Creates the learning state of an axis at the start of a run.
     pub(in crate::gateway) fn begin(preference: Option<&Preference>) -> AxisLearning {
         let preferred = preference.and_then(|preference| preference.preferred().name());
         AxisLearning { preferred: preferred.map(str::to_owned), ..AxisLearning::default() }
@@ -109,7 +109,7 @@ impl AxisLearning {
         }
     }
 
-    /// Returns the change with which a person adopts the candidate.
+    /// Returns the change by which an operator adopts the candidate.
     ///
     /// # Errors
     /// Returns why the candidate is not adopted.
@@ -121,7 +121,8 @@ impl AxisLearning {
         let Some(offer) = &self.offer else {
             return Err(Explained::new(
                 "no candidate has been learned yet",
-                "the gateway learns once a day, from the touches of the axis; `isotherm learn` learns now",
+                "the gateway learns once a day from the touches (probe measurements) of the axis; to learn now, run \
+                 `isotherm learn`",
             ));
         };
         if preference.preferred().name() == Some(offer.name.as_str()) {
@@ -154,23 +155,23 @@ fn is_current(offer: &Offer, preference: &Preference) -> bool {
     offer.own == preference.own() && offer.compared_with.as_deref() == preference.preferred().name()
 }
 
-/// Returns why a candidate is not adopted that is not better than the model in use.
+/// Returns the reason why a candidate is not adopted: it is not better than the model in use, or was not compared yet.
 fn not_better(offer: &Offer) -> Explained {
     let cause = match offer.judgement.gain() {
-        None => "the candidate has not been judged yet".to_owned(),
+        None => "the candidate has not been compared with the model in use yet".to_owned(),
         Some(gain) => format!(
             "the candidate is not better: it would have left {:.1} µm instead of {:.1} µm",
             gain.candidate.get(),
             gain.in_use.get()
         ),
     };
-    Explained::new(cause, "probe the axis on more days; each day judges the candidate again")
+    Explained::new(cause, "probe the axis on more days; the candidate is compared again on each day")
 }
 
-/// Returns the change that returns to the model before.
+/// Returns the change by which the axis uses its previous model again.
 ///
 /// # Errors
-/// Returns why there is none.
+/// The axis has no previous model, for this reason.
 pub(in crate::gateway) fn back(
     (profile, axis): (&Profile, usize),
     preference: &Preference,

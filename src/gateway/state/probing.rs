@@ -83,8 +83,8 @@ impl Probing {
     }
 }
 
-/// Returns the Cz that acts in the machine: the verified Cz of the first output, or zero if no output writes Cz. `None`
-/// if the Cz is not known.
+/// Returns the Cz (compensation value) that acts in the machine: the verified Cz of the first output, or zero if no
+/// output writes Cz. `None` if the Cz is not known.
 pub(in crate::gateway) fn acting(axis: usize, outputs: &Outputs, arming: &Arming) -> Option<Micron> {
     let written =
         outputs.of_axis(axis).find(|(output, _)| output.writes.is_cz() || !output.writes.is_scheduled());

@@ -28,7 +28,7 @@ pub(in crate::gateway) struct ReportedConditions {
     rejected: Vec<stand_in::ReportedSensor>,
 }
 
-/// Levels of one axis that have been reported and have not ended.
+/// Levels of one axis (limit, warning level, error level) that have been reported and have not ended.
 #[derive(Clone, Copy, Debug, Default)]
 struct Levels {
     limit: LimitState,
@@ -48,17 +48,17 @@ enum LimitState {
     Lasting,
 }
 
-/// Fraction of a level. Below it, a value ends a report about the level, so that a value that fluctuates at the level
-/// causes one report.
+/// Fraction of a level below which a report about the level ends. A value that fluctuates at the level is therefore
+/// reported once.
 const ENDS_AT: f64 = 0.95;
 /// Time at the limit after which an alarm is reported.
 const LIMIT_LASTS_AFTER: Duration = Duration::from_secs(5 * 60);
-/// Largest number of contributions in the alarm.
+/// Maximum number of signals in the alarm whose contributions to Cz are listed.
 const SHOWN_CONTRIBUTIONS: usize = 3;
 
 impl Levels {
-    /// Adds the events of this decision about the limit of the axis: the limit is reached, this has lasted for long, or
-    /// it is over after it has lasted.
+    /// Adds the events of this decision about the limit of the axis. They report that the limit is reached, that the
+    /// axis stays at it for long, and that this is over.
     fn report_limit(
         &mut self,
         (profile, axis): (&Profile, &AxisSettings),
@@ -98,7 +98,7 @@ impl Levels {
         }
     }
 
-    /// Adds the events of this decision about the levels of the axis.
+    /// Adds the events of this decision about the warning level and the error level of the axis.
     fn report(&mut self, axis: &AxisSettings, decision: &Decision, events: &mut Vec<Event>) {
         let name = || axis.name.clone();
         let size = decision.cz.abs().get().max(decision.slope.abs().get());

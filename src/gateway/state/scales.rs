@@ -1,4 +1,4 @@
-//! Scales that devices have in other registers: values that wait for their scale, and changes of a scale.
+//! Scales that devices store in separate registers: values that wait for their scale, and changes of a scale.
 
 use isotherm_core::codec::{Encoded, Encoding, ScaleRead, ScaleWatch};
 use isotherm_core::quantity::Moment;

@@ -1,4 +1,5 @@
-//! Sign of an axis: a check with a dial gauge that is under way, and the saved results of earlier checks.
+//! Sign of an axis: direction in which Cz moves the axis. The module contains the running check with a dial gauge, and
+//! the saved results of earlier checks.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -60,7 +61,7 @@ pub(in crate::gateway) struct SignMemory {
 }
 
 impl SignMemory {
-    /// Returns whether the operator must be reminded now: once, if there was no check.
+    /// Returns `true` once if the sign of the axis was never checked: the operator must then be reminded.
     pub(in crate::gateway) fn reminds(&mut self) -> bool {
         self.checked.is_none() && !std::mem::replace(&mut self.reminded, true)
     }

@@ -82,7 +82,7 @@ struct SignalRules {
 pub(in crate::gateway) struct Latest {
     profile: Arc<Profile>,
     rules: Arc<[SignalRules]>,
-    /// Readings as the lines store them.
+    /// Latest reading of each signal, as the task of its line has stored it.
     readings: Vec<Reading>,
     /// Reason why the latest reads of each signal failed. The last value is used until it is stale.
     failing: Vec<Option<Reason>>,

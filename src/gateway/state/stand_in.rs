@@ -1,4 +1,5 @@
-//! Reports of sensors that have stand-ins.
+//! Reports about frozen or lost sensors, and about the stand-ins (values estimated from other sensors) that replace
+//! them.
 
 use crate::observe::events::{Event, StandIn, others};
 use crate::observe::status::SubstitutedSensorStatus;
@@ -19,7 +20,7 @@ pub(super) fn explained(profile: &Profile, found: &SubstitutedSensor) -> Explain
     Explained::new(cause, SEE_TO_THE_SENSOR)
 }
 
-/// Sensor that was reported, and its state in the report.
+/// Frozen or lost sensor whose fault was reported and has not ended, with its reported state.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct ReportedSensor {
     signal: SignalId,
@@ -65,7 +66,7 @@ pub(super) fn report(
     }
 }
 
-/// Returns the stand-in for the status. `stamp` converts monotonic time to the time of day.
+/// Returns the status of a sensor that a stand-in replaces. `stamp` converts monotonic time to the time of day.
 pub(in crate::gateway) fn status(
     profile: &Profile,
     found: &SubstitutedSensor,

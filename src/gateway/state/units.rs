@@ -11,7 +11,7 @@ const COUNTS_OF_A_STEP: f64 = 1000.0;
 /// Count of a register value that is not a number. No register can hold it.
 const NO_NUMBER: Counts = Counts(i64::MAX / 4);
 
-/// Conversion for the register of one output.
+/// Conversion between counts, register values and Cz for the register of one output.
 #[derive(Clone, Debug)]
 pub(in crate::gateway) struct Units {
     encoding: Encoding,
@@ -19,7 +19,8 @@ pub(in crate::gateway) struct Units {
     unit: &'static str,
     /// Register value for 1 µm.
     factor: f64,
-    /// Register value for one count, if the type of the register has no counts itself.
+    /// Register value for one count of a floating-point register. `None` for an integer register, which has its own
+    /// counts.
     grain: Option<f64>,
     bias: Counts,
     /// Conversion of the register by the control. `None` if the output writes the reference position P0, which is no

@@ -6,7 +6,7 @@ use std::collections::BTreeMap;
 use crate::observe::events::Event;
 use isotherm_profile::{DefaultLimits, Profile, Unit};
 
-/// Default limits of the signals that have some, by name.
+/// Default limits by signal name, for the signals that have default limits.
 pub(in crate::gateway) type KnownLimits = BTreeMap<String, DefaultLimits>;
 
 /// Returns the default limits of this profile, which the state contains for the next run.

@@ -22,7 +22,7 @@ use isotherm_core::quantity::{Moment, Shift, Shifted};
 use isotherm_core::reading::SignalId;
 use isotherm_profile::Profile;
 
-/// State of a machine at one moment.
+/// State of a machine at one moment, to be saved for the next start.
 #[derive(Debug)]
 pub(in crate::gateway) struct Memory {
     at: Moment,
@@ -81,7 +81,8 @@ struct SavedState {
     /// Last good values of signals with a limit of the rate of change.
     #[serde(default)]
     values: BTreeMap<String, LastGood>,
-    /// Default limits of signals. They have been reported. Empty in a state of a version without them.
+    /// Default limits of signals, which have been reported already. Empty in a state of a version without default
+    /// limits.
     #[serde(default)]
     limits: KnownLimits,
 }

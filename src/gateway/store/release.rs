@@ -43,7 +43,7 @@ const MODEL: &str = "base";
 /// Resolution of a register for floating-point numbers, as a fraction of the axis's step.
 const GRAIN_OF_A_STEP: f64 = 1e-3;
 
-/// Former registers that are released in this run, or that can be released.
+/// Former registers that are released (returned to their base values) in this run, or that can be released.
 #[derive(Clone, Debug, Default)]
 pub(in crate::gateway) struct Releases {
     /// Former registers, each with the reason why it cannot be released; `None` if it can.
@@ -80,7 +80,7 @@ struct FormerRegister {
 }
 
 impl Releases {
-    /// Determines which former registers can be released with this profile.
+    /// Determines which former registers can be released (returned to their base values) with this profile.
     pub(in crate::gateway) fn of(profile: &Profile, former: &[FormerPlace], kept: &[Entry]) -> Releases {
         if former.is_empty() {
             return Releases::default();
@@ -97,7 +97,7 @@ impl Releases {
         known.map_or_else(|| Some(unknown()), |(_, why)| why.clone())
     }
 
-    /// Records that a former register is not released in this run, for the reason `why`.
+    /// Records that a former register is not released (returned to its base value) in this run, for the reason `why`.
     pub(in crate::gateway) fn refuse(&mut self, place: &OutputPlace, why: &Explained) {
         let known = self.obstacles.iter_mut().filter(|(known, _)| known == place);
         known.for_each(|(_, obstacle)| *obstacle = Some(why.clone()));
@@ -304,7 +304,7 @@ pub(in crate::gateway) fn operators_part(
     Some(counts * bounds.step_um * factor(place) * GRAIN_OF_A_STEP)
 }
 
-/// Returns the factor from Cz to the written value: 2 for a diameter.
+/// Returns the factor from Cz to the written value: 2 for a diameter, otherwise 1.
 fn factor(place: &OutputPlace) -> f64 {
     if place.diameter { 2.0 } else { 1.0 }
 }

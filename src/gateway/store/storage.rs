@@ -60,14 +60,15 @@ pub(in crate::gateway) struct Storage {
     /// Cz that the previous run left in the outputs, µm. Each is saved again until the register of the output has been
     /// read.
     pub(in crate::gateway) left_um: BTreeMap<String, f64>,
-    /// Cz of each output in the last saved state, in the order of the profile.
+    /// For each output, in the order of the profile: Cz in the last saved state. `None` if that state contains no Cz of
+    /// the output.
     handed_over: Vec<Option<Micron>>,
     stamps: Stamps,
-    /// Day and file of the present decision rows.
+    /// Day and file to which decision rows are written now. `None` before the first row.
     begun: Option<(Date, Stamped)>,
     /// Whether decision rows are missing on disk. A replay can then continue only at a row with the state of the axes.
     torn: Arc<AtomicBool>,
-    /// Connection that lets new events wake the thread, until it is dropped.
+    /// Connection from the event journal to the thread: new events wake the thread until the connection is dropped.
     events: Option<EventsWake>,
     /// Channel that the thread disconnects when it ends.
     working: Option<Receiver<()>>,
@@ -89,7 +90,7 @@ pub(in crate::gateway) fn newest_stamp(directory: &Path, machine: &str, now: Mom
     newest.iter().filter_map(|log| thread::last_stamp(log)).max()
 }
 
-/// Job in the queue. The queue has room for all its jobs from the start, so a job is in a box.
+/// Boxed job. The queue allocates its whole capacity at the start, so that small items save memory.
 type QueuedJob = Box<Job>;
 
 #[derive(Debug)]

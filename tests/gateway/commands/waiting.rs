@@ -63,7 +63,7 @@ fn who_waits_and_goes_does_not_want_it_any_more() {
         assert_eq!(bench.axis()["armed"], false, "{signal}");
         assert!(
             bench.reported("arm-ended")[0]
-                .contains("cancelled: the client that requested it has disconnected"),
+                .contains("cancelled: the client that requested to arm has disconnected"),
             "{signal}"
         );
     }

@@ -133,7 +133,10 @@ fn a_candidate_that_is_not_better_or_was_compared_with_another_model_is_not_adop
         (None, "no candidate has been learned yet"),
         (Some(offer("a", 3.7)), "the candidate is not better: it would have left 3.8 µm instead of 3.7 µm"),
         (Some(other), "was compared with another model"),
-        (Some(Offer { judgement: Judgement::default(), ..offer("c", 6.9) }), "has not been judged yet"),
+        (
+            Some(Offer { judgement: Judgement::default(), ..offer("c", 6.9) }),
+            "has not been compared with the model in use yet",
+        ),
     ] {
         offer.iter().for_each(|offer| write(directory.path(), offer));
         let trace = block_on(async {

@@ -79,8 +79,8 @@ pub fn arm(path: &Path, axis: Option<&str>, show: impl FnMut(&str)) -> Result<St
     Ok(stay(ask(path, &(with_axis("arm", axis) + " stay"), ANSWER_TIMEOUT)?, show)?.0)
 }
 
-/// Waits for the final answer to a request. Returns the answer and the open connection. `show` receives the reasons of
-/// waiting.
+/// Waits for the final answer to a request. Returns the answer and the open connection. `show` receives the conditions
+/// for which the request waits.
 fn stay(
     (mut answer, mut lines): ReplyLines,
     mut show: impl FnMut(&str),

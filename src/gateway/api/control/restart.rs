@@ -83,7 +83,7 @@ impl<'a> Request<'a> {
     }
 }
 
-/// Parses the maximum time for a check, in seconds. Returns `None` if it is no valid number.
+/// Parses the maximum time for a check, in seconds. Returns `None` for an invalid number.
 fn span(seconds: &str) -> Option<Duration> {
     let span = Duration::try_from_secs_f64(seconds.parse().ok()?).ok()?;
     Some(span.min(LONGEST_CHECK))
@@ -136,8 +136,7 @@ pub(super) async fn serve(
                 break Err(SuccessorRejection::Other("the check failed with an internal error".to_owned()));
             }
             Err(_) if BootClock::default().passed() >= until => {
-                let why =
-                    "a small file could not be written to the state directory in time: does its disk hang?";
+                let why = "a small test file could not be written to the state directory in time: does its disk hang?";
                 break Err(SuccessorRejection::Other(why.to_owned()));
             }
             Err(_) => say(writer, "still\n").await?,

@@ -10,11 +10,11 @@ use tokio::sync::{OwnedSemaphorePermit, Semaphore};
 
 use crate::clock::BootClock;
 
-/// Factor for the time that a connection may stay silent: this time for each permitted connection. A client sends its
-/// line directly after it has connected, and connects again if its connection was closed before. A short time closes
-/// more silent connections per second, so that a command waits less.
+/// Time for each permitted connection. Multiplied by the limit of connections, it is the time that a connection may
+/// stay silent. A client sends its line directly after it has connected, and connects again if its connection was
+/// closed before. A short time closes more silent connections per second, so that a command waits less.
 const GRACE_OF_A_PLACE: Duration = Duration::from_micros(250);
-/// Maximum time after which a closed connection has returned its permit.
+/// Maximum time until a closed connection has returned its permit.
 const RETURNED: Duration = Duration::from_millis(10);
 
 /// List of silent connections, oldest first.

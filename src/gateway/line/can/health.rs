@@ -7,7 +7,7 @@ use crate::fieldbus::kinds::can::{ErrorFrame, ErrorSeverity};
 use isotherm_core::explained::Explained;
 use isotherm_core::quantity::Moment;
 
-/// Trouble is over if it has not occurred again for this long.
+/// Time without a new occurrence of a trouble after which the trouble is reported as over.
 const OVER_AFTER: Duration = Duration::from_secs(10);
 
 #[derive(Debug, Default)]
@@ -34,14 +34,14 @@ struct Meter {
 
 #[derive(Clone, Debug, PartialEq)]
 pub(super) enum HealthChange {
-    /// Trouble begins, or has become worse.
+    /// Trouble begins, or has become worse. `is_off`: the interface is bus-off, so it no longer takes part in the bus.
     Worse { what: Explained, is_off: bool },
     /// Trouble is over: how often it occurred, its kind, and the time between first and last occurrence.
     Over { count: u64, what: &'static str, within: Duration },
 }
 
 impl Episode {
-    /// Counts more occurrences in the episode. Returns whether the episode begins with them.
+    /// Adds `count` occurrences to the episode (period of trouble). Returns `true` if the episode begins with them.
     fn add(episode: &mut Option<Episode>, count: u64, now: Moment) -> bool {
         let is_first = episode.is_none();
         let known = episode.get_or_insert(Episode { since: now, last: now, count: 0 });
@@ -82,8 +82,8 @@ impl Health {
         is_worse.then(worse).into_iter().collect()
     }
 
-    /// Processes the passing of time. `full` and `lost` count full queues and lost frames since the start. Returns the
-    /// changes to report.
+    /// Counts new full queues and lost frames, and ends the periods of trouble that are over. `full` and `lost` are the
+    /// totals since the start. Returns the changes to report.
     pub(super) fn tick(&mut self, full: u64, lost: u64, now: Moment) -> Vec<HealthChange> {
         let mut changes = Vec::new();
         if self.full.read(full, now) {

@@ -32,7 +32,7 @@ const LOOK_AGAIN: Duration = Duration::from_millis(200);
 const SEND_AGAIN: Duration = Duration::from_millis(5);
 /// Interval of checks of the counts of full queues and lost frames.
 const MEASURE_EVERY: Duration = Duration::from_secs(1);
-/// Largest number of frames that wait for the queue: one for each possible node.
+/// Maximum number of frames that wait because the queue of the interface is full: one for each possible node.
 const MOST_UNSENT: usize = 128;
 /// Delay if nothing is due. It is longer than any other delay.
 const LONG: Duration = Duration::from_secs(3600);
@@ -53,7 +53,7 @@ pub(in crate::gateway) struct CanListener {
     /// Whether the interface carries frames.
     is_up: bool,
     tap: Tap,
-    /// Time of the next check of the counts of the socket.
+    /// Time at which the counters of the socket (full queues, lost frames) are read next.
     measure_at: Moment,
     stall_detector: StallDetector,
 }

@@ -1,4 +1,4 @@
-//! Routes from frames to signals.
+//! Routes: assignment of received CAN frames to the signals that the frames contain.
 
 use std::collections::HashMap;
 

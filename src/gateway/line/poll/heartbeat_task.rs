@@ -1,4 +1,4 @@
-//! Heartbeat in a separate register or node.
+//! Heartbeat in a separate register or node: a count by which the control detects whether the gateway runs.
 
 use crate::fieldbus::error::Fault;
 use crate::fieldbus::explain::explain_on;
@@ -19,14 +19,14 @@ use isotherm_profile::{BusId, Heartbeat, Profile};
 
 /// Number of consecutive failures with a new cause, after which that cause is reported.
 const CHANGED_AFTER: u32 = 20;
-/// Consecutive unanswered beats after which they are reported, if the device answers everything else.
+/// Number of consecutive unanswered heartbeats after which they are reported, if the device answers all other requests.
 const DEAF: u32 = 3;
 
 pub(super) struct HeartbeatTask {
     heartbeat: Heartbeat,
     pub(super) due: Moment,
     controller: HeartbeatController,
-    /// Consecutive beats that were not written.
+    /// Number of consecutive heartbeats that could not be written.
     missed: u32,
     /// Fault that was reported last. `None` if there was none, or if its end was reported too.
     reported: Option<Cause<Fault>>,

@@ -53,7 +53,7 @@ pub(super) fn jobs(shared: &LineHandle, bus: BusId, start: Moment) -> Vec<Output
 }
 
 impl OutputTask {
-    /// Makes the output due, because it may have something to do.
+    /// Makes the output due, because a write or a check of the output may be necessary.
     pub(super) fn wake(&mut self, now: Moment) {
         self.due = self.due.min(self.waits_since.unwrap_or(now));
     }

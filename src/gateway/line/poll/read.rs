@@ -38,7 +38,7 @@ pub(super) struct Poll {
     pub(super) has_been_read: bool,
     /// Whether an answer was discarded because the device had not passed its checks.
     is_discarded: bool,
-    /// Start of the last round, and the shortest `max_age` of its readings.
+    /// Start of the last round of reads. `max_age`: shortest `max_age` of the readings in the round.
     read_at: Moment,
     max_age: Duration,
     captures: Captures,

@@ -10,7 +10,7 @@ use serde_json::{Map, Value};
 use isotherm_core::compensation::Remembered;
 use isotherm_core::compensation::reference::Capture;
 
-/// Keys of the lists that have one item for each signal.
+/// Keys of the lists in the saved state that have one item for each signal.
 const BY_SIGNAL: [&str; 2] = ["start", "zero"];
 
 /// Places of the terms of learned models in the state of an axis.

@@ -52,10 +52,11 @@ pub struct Recording<'a> {
     pub time_unit: Option<TimeUnit>,
     /// Cells of the first rows. They show the order of day and month, and what a mark before three digits means.
     pub first_rows: Vec<Vec<String>>,
-    /// Number of lines of the file before the column names, and between the names and the first row, which the reader
-    /// does not get.
+    /// Numbers of lines of the file that the reader does not get: before the column names, and between the names and
+    /// the first row.
     pub left_out: [u64; 2],
-    /// Lines of the measured errors that no sensor measured, in ascending order, by the name of the column.
+    /// For each column of measured errors: lines with an implausible value, which no sensor has measured. The lines are
+    /// in ascending order.
     pub implausible: HashMap<String, Vec<u64>>,
     /// Remarks about the file that were made before its rows are read.
     pub remarks: Vec<String>,
@@ -139,7 +140,7 @@ pub struct LogReader<R> {
     axes: Vec<String>,
     columns: Columns,
     ranges: Vec<Option<(f64, f64)>>,
-    /// Lines of the measured errors of each axis that no sensor measured, in ascending order.
+    /// For each axis: lines with an implausible measured error, in ascending order.
     implausible: Vec<Vec<u64>>,
     record: StringRecord,
     last: Option<Moment>,
@@ -305,8 +306,8 @@ impl<R: Read> LogReader<R> {
         Ok(Some(row))
     }
 
-    /// Returns whether the row has a cell for each name. Cells at its end may be missing under empty names and those of
-    /// comments. Empty cells may be more than the names.
+    /// Returns whether the number of cells fits the column names. Cells at the end may be missing if their columns are
+    /// comments or have no names. Additional cells must be empty.
     fn fits(&self) -> bool {
         let (found, wanted) = (self.record.len(), self.names.len());
         match found > wanted {
@@ -563,8 +564,8 @@ impl Columns {
     }
 }
 
-/// Returns the text of a time, in which a number counts seconds: a number in another unit is converted. Otherwise, a file
-/// with these times would be read in the wrong unit.
+/// Returns the text of a time. A number in another unit is converted to seconds, because a file with these times is
+/// read in seconds.
 fn in_seconds(text: String, now: Moment) -> String {
     let is_number = text.trim().replace(',', ".").parse::<f64>().is_ok();
     if !is_number || time::parse(&text) == Ok(now) {

@@ -16,7 +16,7 @@ use isotherm_core::quantity::Moment;
 /// Maximum number of events that are read from the event journal at once.
 const BATCH: usize = 64;
 
-/// Connection that lets new events wake the thread, until it is dropped.
+/// Connection from the event journal to the thread: new events wake the thread until the connection is dropped.
 #[derive(Debug)]
 pub(super) struct EventsWake(Arc<Journal>);
 

@@ -24,7 +24,7 @@ const A_DAY: Duration = Duration::from_hours(24);
 /// Maximum size of header and first row that are read, in bytes. The first row contains the saved state of a machine.
 const FIRST_ROW: u64 = 4 * 1024 * 1024;
 
-/// A log of one day.
+/// Log file of one day.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(in crate::gateway) struct DayLog {
     pub(in crate::gateway) day: Date,

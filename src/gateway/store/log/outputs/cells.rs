@@ -19,14 +19,14 @@ pub(super) const WRITES: &str = "writes";
 pub(super) const FAILURES: &str = "failures";
 pub(super) const CLOCK: &str = "clock";
 
-/// Settings and state from which an output continues.
+/// Settings and state from which the controller of an output continues, as written to the log.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ResumeState {
     /// Settings of the output.
     pub settings: Settings,
     /// State of the output's register.
     pub state: State,
-    /// Other parts of the controller's state.
+    /// State of the controller, apart from the state of its register.
     #[serde(default)]
     pub policy: Policy,
 }
@@ -39,7 +39,7 @@ pub(super) enum Detail {
     Decided(Towards),
 }
 
-/// Detail of the input `decided`.
+/// Content of the log column `detail` for the input `decided`.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct Towards {
@@ -48,7 +48,7 @@ pub(super) struct Towards {
     pub(super) target: Counts,
 }
 
-/// Detail of the input `demand`.
+/// Content of the log column `detail` for the input `demand`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub(super) struct DemandDetail {

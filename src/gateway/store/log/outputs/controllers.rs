@@ -18,7 +18,7 @@ const POSITION_BEGIN: &str = "position-begin";
 const HEARTBEAT: &str = "heartbeat";
 const HEARTBEAT_BEGIN: &str = "heartbeat-begin";
 
-/// State of a controller.
+/// State of a controller whose turns are logged as JSON, by the kind of controller.
 #[derive(Clone, Debug, PartialEq)]
 pub enum ControllerState {
     /// Controller of an output set (outputs that are written together).

@@ -47,7 +47,7 @@ pub enum Entry {
     /// Settings and state from which the controller of an output set, of a corrected position (position plus Cz), or of
     /// a heartbeat continues.
     Resumes(Box<ControllerSnapshot>),
-    /// Turn of such a controller, which is one call by the line task.
+    /// Turn of such a controller: one call of the controller by the line task.
     Turn {
         /// Number of times that the previous turn (call of the controller) was repeated.
         repetitions: u64,
