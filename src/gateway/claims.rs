@@ -28,7 +28,7 @@ mod sockets;
 const PATIENCE: Duration = Duration::from_secs(5);
 const LOOK_AGAIN: Duration = Duration::from_millis(20);
 
-/// Claim of one gateway, in the form in which other gateways receive it.
+/// Claim of one gateway: the registers to which it writes. The claim is sent to other gateways.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 struct Claim {
     process: u32,

@@ -150,8 +150,8 @@ impl CommandHandle {
         PresentTime { machine: self.0.clock.now(), passed: BootClock::default().passed() }
     }
 
-    /// Checks the rate limit of a command. Returns the answer for the sender if the same command was requested too
-    /// recently.
+    /// Checks the rate limit of a command. The error is the answer to the sender if the same command was accepted less
+    /// than a second ago.
     fn takes(&self, verb: &'static str, about: &[RateSubject]) -> Result<(), Answer> {
         if self.0.rates().take(verb, about, self.now()) {
             return Ok(());

@@ -309,8 +309,8 @@ async fn follow(
     }
 }
 
-/// Keeps the connection of a client open while the operator reads the gauge, because its end would end the sign check.
-/// Returns when the check is over, and at once for any other request.
+/// Keeps the connection of a client open while the operator reads the gauge, because the end of the connection would
+/// end the sign check. Returns when the check is over, and at once for any other request.
 async fn wait_for_answer(source: &dyn GatewayApi, line: &Line<'_>) {
     let is_sign_check = line.stays && line.what == ParsedCommand::Command(Command::Sign);
     while is_sign_check && source.signing(line.axis).is_ok() {

@@ -87,7 +87,7 @@ impl Default for Options {
     }
 }
 
-/// Periods that replace those of the profile.
+/// Periods that replace the periods in the profile.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Pace {
     /// Period in which each device is polled.

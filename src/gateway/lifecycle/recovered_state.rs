@@ -104,9 +104,10 @@ impl RecoveredState {
         left
     }
 
-    /// Adds the registers that an operator has released to the profile, with their entries in the register ledger. A
-    /// register is not added in a dry run, while the saved state is in question, or while another gateway writes to the
-    /// register. A release that an earlier run began is not repeated: the former register is reported again.
+    /// Adds the released registers to the profile, with their entries in the register ledger. An operator has requested
+    /// that these registers return to their base values. A register is not added in a dry run, while the saved state is
+    /// in question, or while another gateway writes to the register. A release that an earlier run began is not
+    /// repeated: the former register is reported again.
     pub(in crate::gateway) fn extend(&mut self, profile: &mut Profile, options: &Options) -> Releases {
         let RecoveredState { places, opened, is_lost, .. } = self;
         let releases = std::mem::take(&mut places.releases);
@@ -267,8 +268,8 @@ pub fn moved_since(directory: &Path, profile: &Profile) -> Vec<String> {
     places.explain().into_iter().chain(signals).map(|why| why.to_string()).collect()
 }
 
-/// Returns the preferred model of each axis of a profile that learns, as the gateway with this state directory has saved
-/// it. The list is empty if the state cannot be read. An axis whose models in the profile have changed is left out.
+/// Returns the preferred model of each axis that learns, as saved in this state directory. The list is empty if the
+/// state cannot be read. An axis whose models in the profile have changed is left out.
 pub fn preferences_in(directory: &Path, profile: &Profile) -> Vec<(String, Preference)> {
     let state = documents::content(directory, &profile.name).and_then(|content| content.state);
     let Ok(restored) = Memory::recall(state, profile) else { return Vec::new() };
@@ -283,9 +284,9 @@ pub fn preferences_in(directory: &Path, profile: &Profile) -> Vec<(String, Prefe
     kept.collect()
 }
 
-/// Returns each axis whose learned model the gateway with this state directory has saved and will not use with this
-/// profile, with the name of the model. The models of the profile have changed, or the axis lacks an input. The list is
-/// empty if the state cannot be read.
+/// Returns the learned models saved in this state directory that the gateway will not use with this profile: names of
+/// axis and model. The models of the profile have changed, or the axis lacks an input. The list is empty if the state
+/// cannot be read.
 pub fn superseded_in(directory: &Path, profile: &Profile) -> Vec<(String, String)> {
     let state = documents::content(directory, &profile.name).and_then(|content| content.state);
     let Ok(restored) = Memory::recall(state, profile) else { return Vec::new() };
@@ -293,8 +294,8 @@ pub fn superseded_in(directory: &Path, profile: &Profile) -> Vec<(String, String
     superseded.map(|(axis, model)| (axis.to_owned(), model.to_owned())).collect()
 }
 
-/// Returns the profile with the registers that an operator has released, as the next gateway with this state directory
-/// will run it.
+/// Returns the profile that the next gateway with this state directory will run. It includes the released registers,
+/// which an operator has requested to return to their base values.
 pub fn with_releases(directory: &Path, mut profile: Profile) -> Profile {
     if let Some((places, _)) = places_in(directory, &profile) {
         let asked = places.releases.iter().filter(|release| release.stage == Stage::Asked);

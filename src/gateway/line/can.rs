@@ -34,7 +34,7 @@ pub(in crate::gateway) struct Can {
 struct PendingNodeReports {
     /// Devices whose setup list has been written.
     set_up: Vec<DeviceId>,
-    /// Devices whose back-off ends early. `None` stands for the whole line.
+    /// Devices whose back-off (waiting time after failures) ends early. `None` stands for the whole line.
     revived: Vec<Option<DeviceId>>,
 }
 
@@ -48,7 +48,7 @@ impl Can {
         self.wakeup.wake();
     }
 
-    /// Takes the devices whose back-off ends early. `None` stands for the whole line.
+    /// Takes the devices whose back-off (waiting time after failures) ends early. `None` stands for the whole line.
     pub(super) fn revived(&self) -> Vec<Option<DeviceId>> {
         std::mem::take(&mut self.handed().revived)
     }

@@ -53,7 +53,7 @@ pub(super) struct Inspector {
 struct Inspection {
     device: DeviceId,
     due: Moment,
-    /// Consecutive attempts without a value, and the time of the last one.
+    /// Number of consecutive attempts without a value, and the time of the last attempt.
     missed: (u32, Moment),
     /// Whether polls of the device, or frames that it sends, show that it is present.
     is_received: bool,
@@ -64,7 +64,7 @@ struct Inspection {
     set_up: Option<u64>,
     /// Number of breaks of the continuity of the device when all checks were last read.
     read_after: u64,
-    /// Repeated reading of each check of the device, in the order of the profile.
+    /// For each check of the device, in the order of the profile: its repeated reading.
     again: Vec<Repetition>,
 }
 
@@ -84,9 +84,9 @@ enum Identified {
 struct Repetition {
     period: Duration,
     due: Moment,
-    /// Whether the check has passed in this round. A round is over when each check has passed in it.
+    /// Whether the check has passed in this round. A round is over when all checks of the device have passed.
     has_passed: bool,
-    /// Consecutive attempts without a value, and the time of the last one.
+    /// Number of consecutive attempts without a value, and the time of the last attempt.
     unread: (u32, Moment),
 }
 
@@ -477,7 +477,7 @@ fn round_begins(shared: &LineHandle, id: DeviceId) {
     devices.round_begins(id, compensation, arming);
 }
 
-/// Takes the result of all checks of a device and reports what has changed. An axis that reads from a changed device
+/// Processes the result of all checks of a device, and reports each change. An axis that reads from a changed device
 /// runs its fault action. If a check proves that the settings were changed, the axis returns to the Cz that it had
 /// before the last round of checks. An axis that writes to the device is disarmed.
 fn verified(shared: &LineHandle, id: DeviceId, breaks: u64, differences: Vec<Difference>) {

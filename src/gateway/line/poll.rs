@@ -234,7 +234,7 @@ impl LineTask {
         }
     }
 
-    /// Processes what other tasks have reported since the last action of this line task.
+    /// Processes the wakeups and pauses that other tasks have reported since the last action of this line task.
     fn take_note(&mut self, now: Moment) {
         if let Some(since) = self.line.send_guard.stalled_at() {
             self.shared.stalled_at(since);
@@ -277,13 +277,13 @@ impl LineTask {
         self.wake_outputs(now);
     }
 
-    /// Makes each output due, because something was decided, read or commanded.
+    /// Makes each output due after a decision, a read or a command.
     fn wake_outputs(&mut self, now: Moment) {
         self.jobs.iter_mut().for_each(|job| job.wake(now));
     }
 
-    /// Executes one request of the reads of a device. After the last request of a round, an output that corrects the
-    /// position of the device is due, on this line or on another one.
+    /// Executes one request of the reads of a device. After the last request of a round, each output that corrects the
+    /// position of the device becomes due, also on another line.
     async fn read(&mut self, place: usize, now: Moment) {
         let poll = &mut self.polls[place];
         let presses = poll.reads_position || poll.grows_stale(now);

@@ -214,7 +214,7 @@ impl Position {
         self.is_unverified(shared, &"the value read back is not the written value");
     }
 
-    /// Handles a failed write. A lost device is reported elsewhere; a device that refuses is reported here.
+    /// Handles a failed write. A lost device is reported elsewhere; a device that refuses the write is reported here.
     fn fail(&mut self, shared: &LineHandle, output: &Output, fault: Fault) {
         if fault.has_lapsed() {
             return;

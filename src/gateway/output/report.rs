@@ -72,8 +72,7 @@ pub(super) fn event(
     })
 }
 
-/// Disarms the axis of this output, because the control would read another value than the one to be sent, or one beyond
-/// the limit.
+/// Disarms the axis of this output, because the control would read a wrong value, or a value beyond the limit.
 pub(super) fn not_sent(shared: &LineHandle, id: OutputId, why: Inadmissible) {
     let output = shared.profile.output(id);
     let axis = &shared.profile.axis(output.axis).settings.name;

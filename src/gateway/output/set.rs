@@ -137,7 +137,7 @@ impl Set {
         control_word(axes, core.phase.is_leaving() && core.runs_fault_actions())
     }
 
-    /// Gives the controller the result of an exchange.
+    /// Gives the controller the result of an exchange, and returns its next action.
     fn result(&mut self, turn: &LineTurn<'_>, input: &SetInput) -> SetAction {
         let (shared, now) = (turn.shared, turn.line.last_sample());
         if turn.line.send_guard.has_stalled() {
@@ -265,7 +265,7 @@ impl Set {
         self.result(turn, &SetInput::Sent { result, left })
     }
 
-    /// Encodes these values as registers. Returns `None` if the control would read another value in one of them.
+    /// Encodes these values as registers. Returns `None` if the control would read another value from a register.
     fn encoded(&self, shared: &LineHandle, values: &[SetValue]) -> Option<Vec<Encoded>> {
         let each = self.registers.iter().zip(self.controller.members()).zip(values).zip(&self.found);
         each.map(|(((register, controller), value), found)| match value {

@@ -78,8 +78,8 @@ impl NamespaceWatch {
             let found = match located {
                 Located::Ambiguous => format!("the server has namespace {was} (ns={index}) more than once"),
                 Located::Unclear => format!(
-                    "nodes of ns={index} were added to the profile; this index was {was}, which has another \
-                     index now, and is {is}"
+                    "nodes of ns={index} were added to the profile; ns={index} was namespace {was}, which has \
+                     another index now; ns={index} is {is} now"
                 ),
                 _ => format!("the server no longer has namespace {was} (ns={index}); ns={index} is {is}"),
             };

@@ -169,7 +169,7 @@ impl Shared {
         self.news[bus.0].load(Ordering::Relaxed)
     }
 
-    /// Replaces the wakeup of a line whose task was started again.
+    /// Replaces the wakeup (handle that wakes the task) of a line whose task was started again.
     pub(in crate::gateway) fn register_wakeup(&self, bus: BusId, wakeup: Wakeup) {
         let mut wakeups = self.wakeups.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some(place) = wakeups.get_mut(bus.0) {
@@ -187,7 +187,7 @@ impl Shared {
         *self.line_work.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Records that no exchange of an output is running on one more line.
+    /// Counts one more line on which no exchange of an output is running.
     pub(in crate::gateway) fn outputs_idle(&self) {
         self.resting.fetch_add(1, Ordering::Release);
     }

@@ -210,7 +210,8 @@ fn follow_one(core: &mut GatewayState, axis: usize, now: Moment) {
     }
 }
 
-/// Begins the movement of a check that waits, if its axis is ready. Ends the check if that cannot happen any more.
+/// Begins the movement of a sign check that waits, if its axis is ready. Ends the check if the axis can no longer
+/// become ready.
 fn begin_movement(
     core: &mut GatewayState,
     axis: usize,

@@ -245,7 +245,7 @@ impl GatewayState {
         !given.dry_run && places.drive(&given.profile, is_driven)
     }
 
-    /// Returns whether the Cz in a written position (corrected position) will differ from its saved value by more than
+    /// Returns whether the Cz of an output that writes a position plus Cz will differ from its saved value by more than
     /// one step.
     fn moves_a_position(&self) -> bool {
         let profile = &self.given.profile;

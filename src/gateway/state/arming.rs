@@ -72,7 +72,8 @@ pub(in crate::gateway) struct Arming {
 
 #[derive(Clone, Debug, PartialEq)]
 pub(in crate::gateway) enum Attempt {
-    /// The axis is not to be armed now, or a register value or reading is missing.
+    /// The axis is not armed in this step: it is armed already, nothing requests arming, or a register value or reading
+    /// is missing.
     NotYet,
     /// The axis may start from this Cz, and from this effect of its slope.
     From(Micron, Option<Micron>),
@@ -235,8 +236,8 @@ impl Arming {
         Attempt::From(from.or(handed_over).unwrap_or(Micron::ZERO), from_slope)
     }
 
-    /// Returns the permit of the axis for its next step. In a dry run, the reference position P0 is not written, and
-    /// the axis does not wait for that write.
+    /// Returns the permit of the axis for its next step: off, armed, unverified, held or stopping. In a dry run, the
+    /// reference position P0 is not written, and the axis does not wait for that write.
     pub(in crate::gateway) fn permit(
         &self,
         profile: &Profile,

@@ -212,7 +212,7 @@ fn lacking(
             SEE_TO_THE_SENSOR,
         ),
         Unusable::Unproven(id) => format!(
-            "{} is back, but is not used until it has agreed with the other sensors for one hour",
+            "{} is valid again, but is not used until it has agreed with the other sensors for one hour",
             name(id)
         )
         .into(),
@@ -224,7 +224,7 @@ fn lacking(
     }
 }
 
-/// Returns a hint for an output that is not verified, if no request of it has failed; `None` without one.
+/// Returns a hint for an output that is not verified, if no request of it has failed; `None` if there is no hint.
 fn hint_at(output: &Output, standing: RegisterHealth) -> Option<Cow<'static, str>> {
     Some(match standing {
         RegisterHealth::Interlocked => {

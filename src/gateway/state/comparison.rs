@@ -33,7 +33,7 @@ pub(super) fn event(axis: &AxisSettings, decision: &Decision, reported: &mut boo
     }
 }
 
-/// Returns the comparison for the status.
+/// Returns the comparison of a model with no compensation, for the status.
 pub(in crate::gateway) fn status(axis: &AxisSettings, worse: &Worse) -> WorseStatus {
     WorseStatus {
         touches: worse.touches,

@@ -156,7 +156,7 @@ impl Devices {
     }
 
     /// Handles changed settings of a device. The axes that read the device return to the values that they held before
-    /// its checks passed last.
+    /// the last round of checks that passed.
     pub(in crate::gateway) fn settings_changed(&self, device: DeviceId, arming: &mut DirtyVec<Arming>) {
         for (axis, held) in &self.held[device.0] {
             // If another device was changed before, the value held since then is wrong as well.

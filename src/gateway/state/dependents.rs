@@ -48,8 +48,8 @@ pub(in crate::gateway) struct Dependents {
     pub(in crate::gateway) shortest_age: Duration,
     /// Period of the axis that is stepped most often.
     pub(in crate::gateway) shortest_period: Option<Duration>,
-    /// Period in which the changes of the signals are reported if the profile has no axis: that of the device which is
-    /// read most often, but at least one second. `None` if the profile has axes, because their steps report the changes.
+    /// Period of the reports about changed signals, if the profile has no axis: the shortest period of the devices, but
+    /// at least one second. `None` if the profile has axes, because their steps report the changes.
     pub(in crate::gateway) reports_every: Option<Duration>,
 }
 

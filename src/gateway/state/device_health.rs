@@ -248,7 +248,7 @@ impl DeviceHealth {
     }
 
     /// Counts a failed request. `attempts`: number of attempts to connect that failed before the request. `refused`:
-    /// their fault.
+    /// fault of these attempts.
     pub(in crate::gateway) fn fails(
         &mut self,
         id: DeviceId,
@@ -288,8 +288,8 @@ impl DeviceHealth {
         }
     }
 
-    /// Returns whether the result of a request shows the state of the connection of this line. Of a CAN interface only
-    /// its listener reports the state: an answer or a failed request can be older than a change of that state.
+    /// Returns whether the result of a request shows the state of the connection of this line. Only the listener of a
+    /// CAN interface reports its state, because a result can be older than a change of the state.
     fn requests_show_link(&self, bus: BusId) -> bool {
         !self.profile.bus(bus).transport.is_can()
     }

@@ -17,11 +17,11 @@ pub(in crate::gateway) enum ScalePlace {
 #[derive(Clone, Copy, Debug)]
 pub(super) struct SignalScale {
     watch: ScaleWatch,
-    /// Exponent of the last answer, or the reason why it has none.
+    /// Exponent (power of ten) in the last answer, or the reason why that answer has no exponent.
     current: Result<i8, Reason>,
-    /// Value that was read since the last read of the scale.
+    /// Value that waits for the next read of the scale. `None` if no value waits.
     waiting: Option<WaitingValue>,
-    /// Number of changes so far. Each is a break of the continuity of the signal.
+    /// Number of changes of the scale so far. Each change is a break of the continuity of the signal.
     changes: u64,
     /// Former and new exponent, until the change is reported.
     unreported: Option<(i8, i8)>,
@@ -61,7 +61,8 @@ impl Default for SignalScale {
 }
 
 impl SignalScale {
-    /// Creates the state after a start of the gateway. `exponent` is that of the former run; `None` if it is not known.
+    /// Creates the state of a scale after a start of the gateway. `exponent` is the power of ten of the previous run;
+    /// `None` if it is not known.
     pub(super) fn after_start(exponent: Option<i8>) -> SignalScale {
         SignalScale { watch: ScaleWatch::after_start(exponent), ..SignalScale::default() }
     }
@@ -71,7 +72,7 @@ impl SignalScale {
         self.watch.accepted()
     }
 
-    /// Returns whether the scale has changed, and no value was plausible since.
+    /// Returns `true` if the scale has changed, and no value since that change was plausible.
     pub(super) fn is_open(&self) -> bool {
         self.plausibility == Plausibility::Open
     }
@@ -113,12 +114,14 @@ impl SignalScale {
         self.waiting = None;
     }
 
-    /// Returns the number of breaks of the signal's continuity: those of the device and the changes of the scale.
+    /// Returns the number of breaks of the signal's continuity: the breaks of its device, plus the changes of its
+    /// scale.
     pub(super) fn breaks(&self, of_device: u64) -> u64 {
         of_device.wrapping_add(self.changes)
     }
 
-    /// Returns the reason for a value that differs too much from the one before a break.
+    /// Returns the reason for rejecting a value that differs too much from the last value before a break of the
+    /// continuity.
     pub(super) fn why_jumped(&self) -> Reason {
         match self.plausibility {
             Plausibility::Confirmed => Reason::Jumped,
@@ -131,7 +134,7 @@ impl SignalScale {
         self.plausibility = Plausibility::Confirmed;
     }
 
-    /// Returns the change that has not been reported yet: former and new exponent. It then counts as reported.
+    /// Returns the change that has not been reported yet: former and new exponent. The change then counts as reported.
     pub(super) fn take_change(&mut self) -> Option<(i8, i8)> {
         self.unreported.take().filter(|(from, to)| from != to)
     }

@@ -23,7 +23,7 @@ pub const PATIENCE: Duration = Duration::from_secs(180);
 pub(in crate::gateway) struct SignCheck {
     pub(in crate::gateway) by: Arc<Requester>,
     pub(in crate::gateway) stage: SignStage,
-    /// Time at which the check ends without an answer. Cz then returns.
+    /// Time at which the check ends if the operator has not answered. Cz then returns to its earlier value.
     pub(in crate::gateway) until: Moment,
 }
 

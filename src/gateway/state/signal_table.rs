@@ -65,8 +65,8 @@ pub(in crate::gateway) struct LastGood {
     pub(in crate::gateway) exponent: Option<i8>,
 }
 
-/// Settings of one signal that each of its readings needs, copied from the profile. There, the signals are so far apart
-/// that each access misses the caches of the processor when there are many signals.
+/// Settings of one signal that each of its readings needs, copied from the profile. In the profile, the signals are so
+/// far apart in memory that each access misses the caches of the processor when there are many signals.
 #[derive(Clone, Copy, Debug)]
 struct SignalRules {
     max_age: Duration,
@@ -95,7 +95,7 @@ pub(in crate::gateway) enum QualityChange {
     Lost(SignalId, Reason),
     /// The signal can be used again. It was bad since this moment.
     Back(SignalId, Moment),
-    /// The counter was set to another value: the first position is now the second one, and nothing has moved.
+    /// The counter was set to another value without a movement: position before, and position after.
     Rereferenced(SignalId, f64, f64),
     /// The device has changed the scale of the signal: former and new power of ten.
     ScaleChanged(SignalId, i8, i8),

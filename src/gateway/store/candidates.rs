@@ -66,15 +66,16 @@ pub fn read(
 }
 
 fn parse(bytes: &[u8], axis: &str) -> Result<Offer, String> {
-    let file: File = serde_json::from_slice(bytes).map_err(|why| format!("it is no candidate: {why}"))?;
+    let file: File =
+        serde_json::from_slice(bytes).map_err(|why| format!("the file is no candidate: {why}"))?;
     if file.format != FORMAT || file.version != VERSION {
-        return Err(format!("it is no candidate of version {VERSION}"));
+        return Err(format!("the file is no candidate of version {VERSION}"));
     }
     if file.sha256 != seal(&file.offer)? {
-        return Err("its checksum is wrong, so it was changed or damaged".to_owned());
+        return Err("the checksum is wrong: the file was changed or damaged".to_owned());
     }
     if file.offer.axis != axis {
-        return Err(format!("it is the candidate of axis {}", file.offer.axis));
+        return Err(format!("the file is the candidate of axis {}", file.offer.axis));
     }
     Ok(file.offer)
 }
@@ -138,7 +139,7 @@ mod tests {
             ("\"runs\":5", "\"runs\":6", "checksum is wrong"),
             ("\"version\":1", "\"version\":2", "no candidate of version 1"),
             ("isotherm-candidate", "isotherm-products", "no candidate"),
-            ("{\"format\"", "{\"forma\"", "it is no candidate"),
+            ("{\"format\"", "{\"forma\"", "the file is no candidate"),
         ] {
             assert!(text.contains(from), "{text}");
             std::fs::write(&path, text.replacen(from, to, 1)).unwrap();

@@ -59,7 +59,7 @@ impl fmt::Debug for dyn Disk {
     }
 }
 
-/// The real file system.
+/// File system of this computer. Simulations and tests may replace it.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Files;
 

@@ -180,7 +180,7 @@ pub(in crate::gateway) fn open(
 }
 
 impl Content {
-    /// Marks the content as that of a run whose last writes may still arrive at a register.
+    /// Marks the content as saved by a run whose last writes may still arrive at a register.
     pub(super) fn not_in_order(mut self) -> Content {
         self.outputs.values_mut().for_each(|entry| entry.kept.in_order = false);
         self

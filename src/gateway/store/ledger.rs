@@ -201,8 +201,8 @@ fn is_ours(output: &Output, entry: &Entry) -> bool {
     entry.kept.account.is_none() && entry.kept.stood.is_some_and(|stood| !is_zero(stood))
 }
 
-/// Removes and returns the saved entry of an output: of those by the names of outputs (`named`), or of the `others`. An
-/// output that was renamed has its entry among the others, by its register.
+/// Removes and returns the saved entry of an output. Most entries are in `named`, by the name of the output. If the
+/// output was renamed, its entry is in `others`, and is found by its register.
 fn take(
     name: &str,
     (named, others): (&mut Entries, &mut Entries),

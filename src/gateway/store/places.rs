@@ -157,8 +157,8 @@ impl Places {
         Places { outputs: outputs.collect(), bounds: bounds.collect(), ..Places::default() }
     }
 
-    /// Replaces the node names by those of this profile, if both mean the same node, as `ns=2;s=offset` and
-    /// `nsu=urn:mill;s=offset`.
+    /// Replaces the saved node names by the names in this profile (`now`), if both mean the same node. Example:
+    /// `ns=2;s=offset` and `nsu=urn:mill;s=offset`.
     fn named_as(mut self, now: &Places) -> Places {
         let known = Places { namespaces: self.namespaces.clone(), ..Places::default() };
         if known.namespaces.is_empty() {
@@ -185,19 +185,19 @@ impl Places {
         self
     }
 
-    /// Replaces the saved namespaces of servers by those of `others`.
+    /// Replaces the saved namespaces of servers by the namespaces in `others`.
     pub(in crate::gateway) fn with_namespaces_of(self, others: Places) -> Places {
         Places { namespaces: others.namespaces, ..self }
     }
 
-    /// Replaces the node name of an output by that of this profile, if both mean the same node.
+    /// Replaces the node name of an output by the name in this profile (`now`), if both mean the same node.
     pub(in crate::gateway) fn name_output(&self, now: &Places, name: &str, place: &mut OutputPlace) {
         let same_name = now.outputs.get(name).map(|place| place.address.as_str());
         self.name_node(now, same_name, &place.bus, &mut place.address);
     }
 
-    /// Replaces a node name in an address by that of this profile, if both mean the same node. One node can have two
-    /// names; the name that the profile uses for the same item is preferred.
+    /// Replaces a node name in an address by the name in this profile (`now`), if both mean the same node. One node can
+    /// have two names; the name that the profile uses for the same item is preferred.
     fn name_node(&self, now: &Places, same_name: Option<&str>, bus: &str, address: &mut String) {
         let Some(known) = self.namespaces.get(bus) else { return };
         let Some(was) = by_uri(address, known) else { return };
@@ -228,8 +228,8 @@ impl Places {
         moved.collect()
     }
 
-    /// Replaces old names of nodes and outputs by those of this profile. Also returns the outputs that were renamed,
-    /// with the same register: old name and new name.
+    /// Replaces old names of nodes and outputs by the names in this profile (`now`). Also returns the outputs that were
+    /// renamed, with the same register: old name and new name.
     pub(super) fn under_names_of(self, now: &Places) -> (Places, BTreeMap<String, String>) {
         let places = self.named_as(now);
         let names = new_names(&places.outputs, &now.outputs);
@@ -303,12 +303,13 @@ impl Places {
         kept.extend(entries.values().filter(|entry| is_former(entry)).cloned());
     }
 
-    /// Returns the register ledger's entry of a former register.
+    /// Returns the register ledger's entry (saved account) of a former register, which no output uses now. `None` if
+    /// there is no entry.
     pub(in crate::gateway) fn kept_of(&self, place: &OutputPlace) -> Option<SavedOutput> {
         self.kept.iter().find(|entry| entry.lies_at(place)).map(|entry| entry.kept)
     }
 
-    /// Ends a release: its register is a former register again, with its last verified value.
+    /// Ends a release: its register is listed as a former register again, with its last verified value.
     pub(in crate::gateway) fn ends(&mut self, release: &Release) {
         match self.former.iter_mut().find(|former| release.is_of(&former.output, &former.place)) {
             // No movement was verified in the register.

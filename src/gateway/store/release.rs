@@ -65,8 +65,8 @@ pub(in crate::gateway) struct ReturningRegister {
     pub(in crate::gateway) release: Release,
     /// Half a count of the register, as Cz in µm.
     pub(in crate::gateway) grain_um: f64,
-    /// Axes that now use the output. They wait for the end of the release, because the control may have both registers
-    /// under two addresses.
+    /// Axes that now use the output. They wait for the end of the release, because the former and the present address
+    /// may belong to the same register of the control.
     pub(in crate::gateway) waits: Vec<AxisId>,
 }
 
@@ -182,9 +182,9 @@ impl ReturningRegister {
     }
 }
 
-/// Places that a profile writes, and the names of its lines.
+/// Registers and nodes that a profile writes, and the names of its buses.
 struct WrittenPlaces {
-    /// Written places of each bus.
+    /// For each bus: the registers and nodes that the profile writes.
     places: Vec<BTreeSet<String>>,
     /// Canonical names of each bus.
     names: Vec<Vec<String>>,

@@ -229,7 +229,7 @@ pub fn send_measured(path: &Path, axis: &str, report: Option<&MeasuredReport>) -
     Ok(ask(path, &line, ANSWER_TIMEOUT)?.0)
 }
 
-/// Accepts a device that the operator has checked.
+/// Confirms a device that the operator has checked: the gateway accepts the next values of its signals.
 ///
 /// # Errors
 /// No gateway runs at this socket, it does not answer, or it refuses.

@@ -30,8 +30,8 @@ struct Entry {
     close: oneshot::Sender<()>,
 }
 
-/// Future that completes when the connection must be closed. The task of the connection drops it when it has received a
-/// line.
+/// Future that completes when the connection must be closed. The task of the connection drops the future when it has
+/// received a line.
 pub(super) type Closed = oneshot::Receiver<()>;
 
 impl SilentConnections {

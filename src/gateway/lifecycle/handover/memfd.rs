@@ -93,7 +93,8 @@ pub struct Prepared {
 }
 
 impl Prepared {
-    /// Creates the memory of a handover, and copies the profile to it if the receiving program accepts one.
+    /// Creates the memory of a handover, and copies the profile to it if the receiving program can load a profile from
+    /// a handover.
     ///
     /// # Errors
     /// The system cannot create a memfd. The error is a sentence.
@@ -150,7 +151,7 @@ impl Handover {
         Ok(memory)
     }
 
-    /// Checks that this process can hand over to another program now, by a handover without axes.
+    /// Checks that this process can hand over to another program now. The check makes a handover without axes.
     ///
     /// # Errors
     /// Those of [`Handover::seal`], or the disk does not store the digest.

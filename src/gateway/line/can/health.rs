@@ -106,7 +106,11 @@ impl Health {
             self.worst = None;
         }
         changes.extend(over);
-        changes.extend(Episode::end(&mut self.full.episode, "times the queue was full", now));
+        changes.extend(Episode::end(
+            &mut self.full.episode,
+            "times the queue of the interface was full",
+            now,
+        ));
         changes.extend(Episode::end(&mut self.lost.episode, "frames lost", now));
         changes
     }
@@ -148,8 +152,11 @@ mod tests {
         assert_eq!(health.tick(3, 0, at(0)).len(), 1);
         assert_eq!(health.tick(8, 0, at(5)), []);
         assert_eq!(health.tick(8, 40, at(6)).len(), 1);
-        let full =
-            HealthChange::Over { count: 8, what: "times the queue was full", within: Duration::from_secs(5) };
+        let full = HealthChange::Over {
+            count: 8,
+            what: "times the queue of the interface was full",
+            within: Duration::from_secs(5),
+        };
         assert_eq!(health.tick(8, 40, at(15)), [full]);
         let lost = HealthChange::Over { count: 40, what: "frames lost", within: Duration::ZERO };
         assert_eq!(health.tick(8, 40, at(16)), [lost]);

@@ -335,7 +335,7 @@ impl CanListener {
         device_health.answers(device, now, events);
     }
 
-    /// Carries out the reactions to a frame or to the time.
+    /// Carries out the reactions to a received frame or to an elapsed timeout.
     fn react(&mut self, reactions: Vec<Reaction>) {
         for reaction in reactions {
             match reaction {

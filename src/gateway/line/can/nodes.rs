@@ -89,7 +89,7 @@ impl Nodes {
         self.silences.iter_mut().for_each(|silence| silence.received = now);
     }
 
-    /// Returns the filters for the frames that the master and the SDO requests need.
+    /// Returns the filters for the frames that the CANopen master evaluates, and for SDO requests and their answers.
     pub(super) fn wanted(&self) -> impl Iterator<Item = CanMatch> {
         self.master.identifiers().chain(self.sdo.iter().copied()).map(CanMatch::exactly)
     }
@@ -111,7 +111,8 @@ impl Nodes {
         }
     }
 
-    /// Returns the device that has sent this frame about its own state: a heartbeat or an emergency message.
+    /// Returns the device that reports its own state in this frame, by a heartbeat or an emergency message. `None` for
+    /// any other frame.
     pub(super) fn speaker(&self, frame: &Frame) -> Option<DeviceId> {
         let node = [HEARTBEAT, SERVICE].into_iter().find_map(|service| NodeId::sender(frame, service))?;
         self.device(node)

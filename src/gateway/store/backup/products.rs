@@ -11,9 +11,9 @@ use isotherm_profile::safe_file;
 const LARGEST_FILE: u64 = 16 * 1024 * 1024;
 /// Longest name of a file, in bytes: an archive in the format ustar has room for no more.
 const LONGEST_NAME: usize = 100;
-/// Ending of the names of the files of runs.
+/// End of the name of a file with the products of a run.
 const RUN: &str = ".products.json";
-/// Endings of the names of the other files, one each for an axis.
+/// Ends of the names of the other files. Each axis has one file of each kind.
 const OTHERS: [&str; 2] = [".learning.json", ".candidate.json"];
 
 /// Limits of the learned files in a backup.
@@ -98,7 +98,8 @@ fn time_of(name: &str) -> &str {
     name.split_once('@').map_or("", |(_, time)| time)
 }
 
-/// Reads a file. `None` if it has been removed meanwhile or cannot be saved; the latter adds a sentence to `unusable`.
+/// Reads a file. `None` if the file was removed in the meantime, or cannot be saved. In the second case, a sentence is
+/// added to `unusable`.
 fn read(place: &Path, name: &str, unusable: &mut Vec<String>) -> Option<Vec<u8>> {
     let path = place.join(name);
     let why = if is_name(name) {

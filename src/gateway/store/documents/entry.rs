@@ -14,7 +14,7 @@ const MOST: u64 = 1 << 40;
 /// Entries of the register ledger, by the names of the outputs.
 pub(in crate::gateway) type Entries = BTreeMap<String, Entry>;
 
-/// Saved data of one output.
+/// Entry of the register ledger: register of one output, and the saved data of that register.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(in crate::gateway) struct Entry {

@@ -37,7 +37,7 @@ pub(in crate::gateway) struct StoreFile {
 
 impl StoreFile {
     /// Creates the files of a run that has not saved anything yet. `aside`: files to rename before the first save.
-    /// `former`: files to remove after it.
+    /// `former`: files to remove after the first save.
     pub(super) fn new(
         disk: Arc<dyn Disk>,
         (document, number): (PathBuf, PathBuf),

@@ -32,7 +32,7 @@ pub(in crate::gateway) enum SaveResult {
     No,
 }
 
-/// Writer of the state document.
+/// Writer of the state document. A separate thread, or in a simulation the caller, does the work.
 pub(in crate::gateway) struct Writer {
     shared: Arc<Shared>,
     /// File that the caller saves to; `None` if a thread saves it.

@@ -29,7 +29,7 @@ fn number(name: &str) -> u32 {
 }
 
 /// Returns whether the column contains text; all other columns contain numbers. `columns` are all columns of the log,
-/// because the name of a signal may end like that of a column of an axis, for example `bed_state`.
+/// because a signal's name may end like the column of an axis, for example `bed_state`.
 pub fn is_text(column: &str, columns: &[&str]) -> bool {
     let [_, _, model, state, acted] = DECIDED;
     let is_of_an_axis = |word: &str| {

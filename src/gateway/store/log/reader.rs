@@ -44,13 +44,14 @@ pub struct Recording<'a> {
     pub name: &'a str,
     /// Time zone of times without an offset from UTC; `None` rejects such times.
     pub zone: Option<TimeZone>,
-    /// Decimal mark of the numbers; `None` if the numbers decide.
+    /// Decimal mark of the numbers; `None` if it is detected from the numbers.
     pub decimal: Option<DecimalMark>,
-    /// Order of day and month in dates; `None` if the dates decide.
+    /// Order of day and month in dates; `None` if it is detected from the dates.
     pub dates: Option<DateOrder>,
-    /// Unit of times that are numbers; `None` if the name of the column decides.
+    /// Unit of times that are numbers; `None` if the name of the column states the unit.
     pub time_unit: Option<TimeUnit>,
-    /// Cells of the first rows. They show the order of day and month, and what a mark before three digits means.
+    /// Cells of the first rows. They show the order of day and month, and whether a mark before three digits is a
+    /// decimal mark.
     pub first_rows: Vec<Vec<String>>,
     /// Numbers of lines of the file that the reader does not get: before the column names, and between the names and
     /// the first row.
@@ -178,9 +179,9 @@ struct AxisColumns {
     preferred: Option<usize>,
 }
 
-/// Size of an error that no machine has, µm. Loggers write such a number if they have no value.
+/// Smallest absolute error that counts as no measured value, µm. Loggers write such a number if they have no value.
 const NO_ERROR: f64 = 1e6;
-/// Smallest number of seconds since 1970 that is written as a date: that of 1980.
+/// Smallest number of seconds since 1970 that is written as a date: the start of 1980.
 const FIRST_DATE: u64 = 315_532_800;
 
 /// Maximum number of warnings. Without it, a log with a wrong clock would give one warning for each row.

@@ -236,7 +236,7 @@ impl Recorder {
     }
 }
 
-/// Returns the axes that have columns: those of the profile file. Releases are only in the output log.
+/// Returns the axes that have columns: those of the profile file. Axes of releases are only in the output log.
 fn recorded(profile: &Profile) -> impl Iterator<Item = &Axis> {
     profile.axes.iter().take(profile.compensated())
 }

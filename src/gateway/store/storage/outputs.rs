@@ -91,7 +91,7 @@ pub(in crate::gateway) struct OutputsLog {
     /// Latest moment of a row of the output log, which determines its file. A turn that began before midnight and ended
     /// after it is in the file of the new day.
     latest: Moment,
-    /// Series of the last log row; `None` before the first row.
+    /// Series of rows without a gap to which the last log row belongs; `None` before the first row.
     stretch: Option<RowSequence>,
     /// Outputs, then sets, then the heartbeat, each with its counters.
     lines: Vec<Line>,
@@ -104,10 +104,10 @@ pub(in crate::gateway) struct OutputsLog {
 #[derive(Debug, Default)]
 struct Line {
     name: String,
-    /// Series in which the state of this controller was last recorded. `None` before that.
+    /// Series of log rows in which the state of this controller was last recorded. `None` before that.
     begun: Option<RowSequence>,
     last: Option<LastTurn>,
-    /// Number of turns (calls of the controller) since the last row that repeated the turn in that row.
+    /// Number of turns (calls of the controller) that repeated the last recorded turn, since the row of that turn.
     repetitions: u64,
     /// Time since which writes and failures are counted.
     since: Option<Moment>,
@@ -220,8 +220,8 @@ impl OutputsLog {
         self.hand_over(row, stretch);
     }
 
-    /// Records the last turn of a controller (call by the line task) if it was only counted. The log row contains the
-    /// number of repetitions before it.
+    /// Writes a log row for the last turn of a controller (call by the line task), if that turn was only counted. The
+    /// row contains the number of repeated turns before it.
     fn record_repetitions(&mut self, place: usize, stretch: RowSequence) {
         let line = &mut self.lines[place];
         let repetitions = std::mem::take(&mut line.repetitions);

@@ -27,7 +27,7 @@ use isotherm_profile::{History, Profile, safe_file};
 
 /// Interval of the checks for logs to delete.
 const TIDY_EVERY: Duration = Duration::from_hours(1);
-/// Time for which jobs are collected while they come faster than they are done.
+/// Time for which jobs are collected if they arrive faster than the thread does them.
 const COLLECTED_FOR: Duration = Duration::from_millis(10);
 
 /// Returns whether a log has this header and ends with a complete row. If a power cut has left an incomplete row, no

@@ -198,7 +198,7 @@ pub enum ControllerSnapshot {
 pub struct SetSnapshot {
     /// Settings of the output set and of its outputs.
     pub settings: SetSettings,
-    /// State of the controller.
+    /// State of the controller, from which a replay continues.
     pub set: SetController,
 }
 
@@ -207,7 +207,7 @@ pub struct SetSnapshot {
 pub struct PositionSnapshot {
     /// Maximum change of Cz from one decision to the next.
     pub step: Micron,
-    /// State of the controller.
+    /// State of the controller, from which a replay continues.
     pub position: PositionController,
 }
 
@@ -216,7 +216,7 @@ pub struct PositionSnapshot {
 pub struct HeartbeatSnapshot {
     /// Maximum count of the register.
     pub highest: u16,
-    /// State of the controller.
+    /// State of the controller, from which a replay continues.
     pub heartbeat: HeartbeatController,
 }
 

@@ -79,7 +79,7 @@ impl OutputRecorder {
         self.count(now, output, FAILURES, count, since)
     }
 
-    /// Formats the log row with the correction of the computer's clock that made this file necessary.
+    /// Formats the log row with a correction of the computer's clock. Such a row begins a new file.
     pub(in crate::gateway) fn clock(&mut self, now: Moment, correction: Correction) -> &[u8] {
         self.begins(now, "", CLOCK);
         self.ends(",,,,,,", &correction.to_string())
