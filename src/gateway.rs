@@ -92,7 +92,7 @@ pub struct Gateway {
     wire_log: WireLog,
 }
 
-/// Result of a run of the gateway.
+/// Result of a run of the gateway, returned after its end.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Outcome {
     /// Whether a task failed. The events contain the cause.

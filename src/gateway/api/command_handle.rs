@@ -202,8 +202,8 @@ impl CommandHandle {
         })
     }
 
-    /// Requests to arm the chosen axes, and arms them at once if possible. The answer then contains the reason of a
-    /// refusal.
+    /// Requests to arm the chosen axes, and arms them at once if possible. If arming is refused at once, the answer
+    /// contains the reason.
     fn arm(
         &self,
         core: &mut GatewayState,

@@ -326,7 +326,8 @@ struct Line<'a> {
     /// Time and identification of a measurement, as text.
     time: Option<&'a str>,
     id: Option<&'a str>,
-    /// Deadline of the command, as time since the start of the computer. After it, the command is not carried out.
+    /// Deadline of the command, as time since the start of the computer. After the deadline, the command is not carried
+    /// out.
     until: Option<Duration>,
     stays: bool,
 }

@@ -60,7 +60,7 @@ pub struct LearnTimes {
     pub first: Duration,
     /// Time between two starts.
     pub every: Duration,
-    /// Age of the last learning below which the first start is left out.
+    /// If the last learning is more recent than this, the gateway does not start the program at the first check.
     pub recent: Duration,
 }
 
@@ -299,7 +299,7 @@ fn kill(child: &mut Child) {
 enum LearnFailure {
     /// The gateway stops.
     Stopped,
-    /// The cause, as a clause.
+    /// The program failed. Contains the cause, as a part of a sentence.
     Failed(String),
 }
 

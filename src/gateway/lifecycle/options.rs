@@ -1,4 +1,4 @@
-//! Options of a gateway.
+//! Options of a gateway that are not in its profile.
 
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -24,7 +24,7 @@ pub struct Options {
     /// Directory of state and logs; with `None`, nothing is stored. The caller must then ensure that no write of an
     /// earlier run can still arrive at a register.
     pub directory: Option<PathBuf>,
-    /// State directory of another, running gateway. The stored OPC UA namespaces in it are used; nothing is written
+    /// State directory of another, running gateway. Only its saved OPC UA namespaces are read, and nothing is written
     /// there.
     pub remembered_in: Option<PathBuf>,
     /// File system in which the state is stored.

@@ -32,7 +32,7 @@ pub(in crate::gateway) struct Can {
 
 #[derive(Debug, Default)]
 struct PendingNodeReports {
-    /// Devices whose setup list has been written.
+    /// Devices whose setup list (objects to write when the node starts) has been written.
     set_up: Vec<DeviceId>,
     /// Devices whose back-off (waiting time after failures) ends early. `None` stands for the whole line.
     revived: Vec<Option<DeviceId>>,

@@ -44,7 +44,7 @@ const BUSY: u8 = 6;
 pub(super) struct Inspector {
     bus: BusId,
     inspections: Vec<Inspection>,
-    /// Whether the line is a server with namespaces.
+    /// Whether the line is connected to an OPC UA server, which has namespaces.
     is_server: bool,
     namespaces: NamespaceWatch,
 }
@@ -57,7 +57,7 @@ struct Inspection {
     missed: (u32, Moment),
     /// Whether polls of the device, or frames that it sends, show that it is present.
     is_received: bool,
-    /// Whether other values than the checks are read from the device.
+    /// Whether values other than the checks are read from the device.
     is_polled: bool,
     identified: Identified,
     /// Number of resets of the device at its last setup. `None` if it was not set up.

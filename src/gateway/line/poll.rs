@@ -74,7 +74,7 @@ pub(in crate::gateway) struct LineTask {
     /// Number of wakeups of the line (`news`), and of pauses of the computer (`pauses`), that were processed.
     news: u64,
     pauses: u64,
-    /// Number of urgent reads since the last other read or output.
+    /// Number of urgent reads since the last read or output that was not urgent.
     pressed: u32,
     overruns: Overruns,
 }
@@ -159,9 +159,10 @@ impl LineTask {
         self.polls.iter().map(Poll::requests).sum()
     }
 
-    /// Takes turns until the gateway has stopped. Then closes the connection to an OPC UA server, which stores a state
-    /// for it. With a `listener`, the task also receives CAN frames. A gateway may have 500 of these tasks. State that
-    /// is needed only during a turn, or only on CAN, is therefore allocated separately.
+    /// Takes turns (actions of the line task) until the gateway has stopped. Then closes the connection to an OPC UA
+    /// server, which stores a state for the connection. With a `listener`, the task also receives CAN frames. A gateway
+    /// may have 500 of these tasks. State that is needed only during a turn, or only on CAN, is therefore allocated
+    /// separately.
     pub(in crate::gateway) async fn run(mut self: Box<Self>, listener: Option<Box<CanListener>>) {
         match listener {
             None => self.turns().await,
@@ -171,8 +172,9 @@ impl LineTask {
         }
     }
 
-    /// Takes turns. The state of a turn is in memory that another line may have used just before. Thousands of lines then
-    /// need little memory, and the memory of a turn is in the cache of the processor.
+    /// Takes turns (actions of the line task) until the gateway has stopped. The state of a turn is in memory that
+    /// another line may have used just before. Thousands of lines then need little memory, and the memory of a turn is
+    /// in the cache of the processor.
     async fn turns(&mut self) {
         let mut now = self.line.sample();
         loop {

@@ -1,4 +1,5 @@
-//! Executes the actions of the controller of an output set, and gives it the results.
+//! Executes the actions of the controller of an output set (outputs that are written together), and returns the results
+//! to the controller.
 
 use std::slice::from_ref;
 
@@ -331,7 +332,7 @@ impl Set {
     }
 }
 
-/// Raises or drops the strobe signal.
+/// Sets or resets the strobe signal, which requests the control to take the written values.
 async fn write_strobe(
     turn: &mut LineTurn<'_>,
     device: DeviceId,
@@ -351,7 +352,8 @@ async fn write_strobe(
     turn.line.request(device, request, SendDeadline::None).await.map(|_| ())
 }
 
-/// Reads the acknowledge signal of the control. Returns true if it is up.
+/// Reads the acknowledge signal, by which the control shows that it has taken the values. Returns true if the signal is
+/// set.
 async fn read_acknowledge(
     turn: &mut LineTurn<'_>,
     device: DeviceId,

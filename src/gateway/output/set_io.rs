@@ -46,7 +46,7 @@ pub(super) async fn write(
     }
 }
 
-/// Writes only the heartbeat and the control word.
+/// Writes only the heartbeat and the control word of the output set, without its values.
 pub(super) async fn write_own(turn: &mut LineTurn<'_>, set: &OutputSet, own: OwnWords) -> Written {
     match set.is_in_nodes(&turn.shared.profile) {
         true => set_opcua::write_own(turn, set, own).await,

@@ -99,7 +99,7 @@ pub(super) async fn write_all(
     write_stretches(turn, set.device, &stretches, &cells, leave).await
 }
 
-/// Writes only the heartbeat and the control word.
+/// Writes only the heartbeat and the control word of the output set, without its values.
 pub(super) async fn write_own(turn: &mut LineTurn<'_>, set: &OutputSet, own: OwnWords) -> Written {
     let words = [(&set.heartbeat, own.beat), (&set.control, own.control)];
     let words = words.into_iter().filter_map(|(at, word)| Some((register(at.as_ref())?.offset, word)));

@@ -53,7 +53,7 @@ pub(super) async fn write(
     sent.map(|_| ()).map_err(|fault| (fault, fault.outcome()))
 }
 
-/// Writes only the heartbeat and the control word.
+/// Writes only the heartbeat and the control word of the output set, without its values.
 pub(super) async fn write_own(turn: &mut LineTurn<'_>, set: &OutputSet, own: OwnWords) -> Written {
     let words = set.own_nodes().filter_map(|(word, node)| match word {
         OwnWord::Heartbeat => Some((node.clone(), node.word(own.beat))),

@@ -225,7 +225,8 @@ impl RequestObserver for LineHandle {
         self.core().events.push(Event::BusWell { bus, address, count: frames, what, within });
     }
 
-    /// Reports the state of a subscription when it has changed. Each new connection asks the server again.
+    /// Reports the state of a device's OPC UA subscription when the state has changed. Each new connection requests the
+    /// subscription again.
     fn subscribes(&self, device: DeviceId, what: String) {
         let mut core = self.core();
         let GatewayState { device_health, events, .. } = &mut *core;
@@ -273,8 +274,8 @@ fn count(
 /// Maximum number of signals that a message names. The message gives the number of the others.
 const NAMED: usize = 8;
 
-/// Explains that another master uses the line. `signals` are those for which messages of the other master look like
-/// answers.
+/// Explains that another master uses the line. `signals` are the signals for which messages of the other master look
+/// like answers.
 fn another_master(signals: &[&Signal]) -> Explained {
     let list = |signals: &[&Signal]| {
         let named: Vec<&str> = signals.iter().take(NAMED).map(|signal| signal.name.as_str()).collect();

@@ -14,7 +14,7 @@ use isotherm_core::continuity::{Break, Continuity, DeviceContinuity, Difference,
 use isotherm_core::quantity::Moment;
 use isotherm_profile::{AxisId, BusId, Device, DeviceId, Members, Profile};
 
-/// Continuity of all devices.
+/// Continuity of all devices: for each device, whether it can still be the device that passed the checks.
 #[derive(Clone, Debug)]
 pub(in crate::gateway) struct Devices {
     devices: Vec<DeviceContinuity>,
@@ -86,8 +86,8 @@ impl Devices {
         }
     }
 
-    /// Returns the state of the first changed device of an axis, or else of the first unconfirmed one. If there is
-    /// none, returns [`Continuity::Confirmed`].
+    /// Returns the state of the first changed device of an axis, otherwise of the first unconfirmed device. If there is
+    /// neither, returns [`Continuity::Confirmed`].
     pub(in crate::gateway) fn of_axis(&self, axis: usize) -> &Continuity {
         let states = || self.of_axis.of(axis).map(|device| self.devices[device].state());
         let changed = states().find(|state| matches!(state, Continuity::Changed(_)));
@@ -176,7 +176,7 @@ impl Devices {
         self.devices.iter_mut().for_each(|device| device.breaks(cause, now));
     }
 
-    /// Records an answer of a device, also one that refuses.
+    /// Records an answer of a device, also an answer that refuses the request.
     pub(in crate::gateway) fn answers(&mut self, device: DeviceId, now: Moment) {
         self.devices[device.0].answers(now);
     }

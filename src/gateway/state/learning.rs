@@ -69,7 +69,8 @@ impl AxisLearning {
         }
     }
 
-    /// Takes a new candidate. Returns the gain if it must be reported that the candidate is better.
+    /// Takes a new candidate (proposed model). Returns its gain (improvement) if the gain must be reported, and the
+    /// consequence for the preferred model.
     pub(in crate::gateway) fn take(
         &mut self,
         (profile, axis): (&Profile, usize),

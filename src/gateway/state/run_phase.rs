@@ -2,7 +2,7 @@
 
 use isotherm_profile::OnStop;
 
-/// Phase of a run.
+/// Phase of a run: normal operation, stop, or end of the tasks.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(in crate::gateway) enum RunPhase {
     /// No stop was requested.

@@ -4,7 +4,7 @@ use isotherm_core::codec::{Encoded, Encoding, ScaleRead, ScaleWatch};
 use isotherm_core::quantity::Moment;
 use isotherm_core::reading::Reason;
 
-/// Answer that contains the scale of a value.
+/// Place of the scale: in the same answer as the value, or in the answer to another request.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(in crate::gateway) enum ScalePlace {
     /// The scale is in the same answer as the value.
@@ -28,16 +28,16 @@ pub(super) struct SignalScale {
     plausibility: Plausibility,
 }
 
-/// Result of the comparison of the values after a change with those before it.
+/// Whether a value after a change of the scale was plausible, compared with the values before the change.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Plausibility {
     /// The scale has not changed, or a value since its last change was plausible.
     Confirmed,
-    /// No value since the last change was plausible.
+    /// No value since the last change of the scale was plausible.
     Open,
 }
 
-/// Value whose scale is read next.
+/// Value that waits until its scale is read.
 #[derive(Clone, Copy, Debug)]
 struct WaitingValue {
     raw: Encoded,
@@ -77,8 +77,8 @@ impl SignalScale {
         self.plausibility == Plausibility::Open
     }
 
-    /// Processes an exponent that was read. Returns the value that waited for it, with its time. `None` if no value
-    /// waited, or if its exponent is not known.
+    /// Processes an exponent (power of ten of the scale) that was read. Returns the value that waited for it, with its
+    /// time. `None` if no value waited, or if its exponent is not known.
     pub(super) fn read(
         &mut self,
         exponent: Result<i8, Reason>,

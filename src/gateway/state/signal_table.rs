@@ -39,7 +39,7 @@ pub(in crate::gateway) struct SignalTable {
 /// Position of one counter.
 #[derive(Debug, Default)]
 struct CounterState {
-    /// Position with the rollovers.
+    /// Position of the counter, with its rollovers added.
     tracked: Tracked,
     /// Positions before and after the counter was set to another value, until the change is reported.
     rereferenced: Option<(f64, f64)>,
@@ -149,8 +149,8 @@ impl SignalTable {
     }
 
     /// Stores a value from a line. The value is good if it is within the range of the signal. It must also not differ
-    /// from the last good value by more than its rate allows. Values before and after a break of the device's
-    /// continuity are compared too. `breaks`: number of breaks so far.
+    /// from the last good value by more than the limit of its rate of change allows. Values before and after a break of
+    /// the device's continuity are compared too. `breaks`: number of breaks so far.
     pub(in crate::gateway) fn store(
         &mut self,
         id: SignalId,

@@ -100,12 +100,12 @@ impl Units {
         Micron::new(self.value(counts) / self.factor).unwrap_or_default()
     }
 
-    /// Returns the counts from the bias that are nearest to this Cz.
+    /// Returns the offset from the bias, in counts, that is nearest to this Cz.
     pub(in crate::gateway) fn offset(&self, cz: Micron) -> Counts {
         self.counts(cz.get() * self.factor)
     }
 
-    /// Returns the counts from the bias that are nearest to this register value.
+    /// Returns the offset from the bias, in counts, that is nearest to this register value.
     pub(in crate::gateway) fn counts(&self, value: f64) -> Counts {
         self.grain.map_or_else(|| self.encoding.nearest_counts(value), |grain| nearest(value / grain))
     }

@@ -20,7 +20,7 @@ const FILE_MODE: u32 = 0o640;
 /// Permission bit by which other users, neither the owner nor in the group, may write.
 const OTHERS_WRITE: u32 = 0o002;
 
-/// File system for documents. Tests replace it by one that fails.
+/// File system for documents. Tests replace it by a file system that fails.
 pub trait Disk: Send + Sync {
     /// Returns the content of a document.
     ///

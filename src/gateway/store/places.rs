@@ -149,7 +149,7 @@ impl Places {
         Places { signals: signals.collect(), ..Places::of_outputs(profile) }
     }
 
-    /// Returns the registers of the outputs of a profile. A run that saves nothing needs no others.
+    /// Returns the registers of the outputs of a profile. A run that saves nothing needs no other places.
     pub(in crate::gateway) fn of_outputs(profile: &Profile) -> Places {
         let own = || profile.outputs.iter().filter(|output| !profile.is_release(output.axis));
         let outputs = own().map(|output| (output.name.clone(), of_output(profile, output)));

@@ -255,11 +255,11 @@ fn with_axis(command: &str, axis: Option<&str>) -> String {
 /// Whether a gateway is running behind a command socket.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Presence {
-    /// A gateway accepts connections.
+    /// A gateway accepts connections at the command socket.
     Answers,
     /// This user may not connect to the socket.
     Forbidden,
-    /// No gateway accepts connections.
+    /// No gateway accepts connections at the command socket.
     Absent,
 }
 

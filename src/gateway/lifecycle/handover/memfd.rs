@@ -265,7 +265,7 @@ fn refused(why: &str) -> String {
     format!("the handover is not accepted: {why}")
 }
 
-/// Reads the document from a memfd of `size` bytes. Returns it with its offset.
+/// Reads the document from a memfd of `size` bytes. Returns the document and its offset.
 fn document(memory: &File, size: u64) -> Result<(Vec<u8>, u64), String> {
     let read = |place: u64, length: u64| {
         let mut bytes = vec![0; usize::try_from(length).unwrap_or_default()];

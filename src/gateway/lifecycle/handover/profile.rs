@@ -80,7 +80,7 @@ impl KeptProfile {
     }
 
     /// Seals `memory`, to which a check has written the sources, against changes. Returns `None` if the check has
-    /// written none, because its program has an older version.
+    /// written no sources, because its program has an older version.
     ///
     /// # Errors
     /// The sources are too large, or the system cannot seal them. The error is a clause.

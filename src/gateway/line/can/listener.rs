@@ -136,7 +136,8 @@ impl CanListener {
         }
     }
 
-    /// Processes all received frames and everything that is due. Returns the time of the next call.
+    /// Processes all received frames and everything that is due. Returns the time at which the function must be called
+    /// again.
     fn sample(&mut self) -> Moment {
         // A frame to be sent may be the first to find the interface down. Receiving reports nothing in that case.
         if let Some(fault) = self.can.link.fault().filter(|_| self.is_up) {

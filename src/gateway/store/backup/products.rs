@@ -16,7 +16,7 @@ const RUN: &str = ".products.json";
 /// Ends of the names of the other files. Each axis has one file of each kind.
 const OTHERS: [&str; 2] = [".learning.json", ".candidate.json"];
 
-/// Limits of the learned files in a backup.
+/// Limits of the files of learning in a backup.
 #[derive(Clone, Copy, Debug)]
 pub struct Limits {
     /// Largest number of files.
@@ -25,7 +25,7 @@ pub struct Limits {
     pub bytes: u64,
 }
 
-/// Learned files of a machine, for a backup.
+/// Files that learning has written for a machine, for a backup.
 #[derive(Debug, Default)]
 pub struct TakenProducts {
     /// Names and contents of the files.
@@ -36,8 +36,8 @@ pub struct TakenProducts {
     pub unusable: Vec<String>,
 }
 
-/// Reads the learned files of a machine. If they exceed the limits, the newest runs of all axes are kept. `isotherm
-/// learn` may run meanwhile.
+/// Reads the files that learning has written for a machine. If they exceed the limits, the newest runs of all axes are
+/// kept. `isotherm learn` may run meanwhile.
 ///
 /// # Errors
 /// The directory cannot be read. The error is a sentence.
@@ -77,7 +77,7 @@ pub fn is_name(name: &str) -> bool {
     has_ending && name.len() <= LONGEST_NAME && !name.starts_with('.') && name.chars().all(is_safe)
 }
 
-/// Returns the names in the directory; none if it does not exist.
+/// Returns the names of the files in the directory; no names if the directory does not exist.
 fn names(place: &Path) -> Result<Vec<String>, String> {
     let wrong = |error: std::io::Error| format!("{} cannot be read: {error}", place.display());
     let entries = match std::fs::read_dir(place) {
@@ -93,7 +93,7 @@ fn names(place: &Path) -> Result<Vec<String>, String> {
     Ok(names)
 }
 
-/// Returns the part of a name after its axis, which begins with the time of the run.
+/// Returns the part of a file name after its axis. The part begins with the time of the run.
 fn time_of(name: &str) -> &str {
     name.split_once('@').map_or("", |(_, time)| time)
 }

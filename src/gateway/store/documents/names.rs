@@ -25,12 +25,12 @@ const LEARNED_TERMS: [&str; 3] = [
 #[derive(Debug)]
 pub(in crate::gateway) struct NamedMachine<'n> {
     rest: Value,
-    /// Lists of the keys [`BY_SIGNAL`].
+    /// Captured references of all signals: one list for each key in [`BY_SIGNAL`].
     references: [Vec<Capture>; 2],
     signals: Vec<&'n str>,
 }
 
-/// Values of signals, by name.
+/// Names of the signals, and one value for each signal.
 struct ByName<'n, T>(&'n [&'n str], &'n [T]);
 
 impl<'n> NamedMachine<'n> {

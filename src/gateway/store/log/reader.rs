@@ -82,7 +82,7 @@ pub struct LogRow {
     pub line: u64,
     /// Time, as text in the log. A number in another unit than seconds is converted to seconds or to a date.
     pub time: String,
-    /// Time, as a number.
+    /// Time of the row, for calculations.
     pub now: Moment,
     /// Reading of each signal of the profile.
     pub readings: Vec<Reading>,
