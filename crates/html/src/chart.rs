@@ -25,7 +25,8 @@ const RULE: RGBColor = RGBColor(0xd5, 0xdc, 0xe0);
 const WARM: RGBColor = RGBColor(0xb8, 0x50, 0x10);
 const COOL: RGBColor = RGBColor(0x8f, 0xb8, 0xcd);
 
-/// Draws a picture of this size in pixels and returns it as an SVG element. `says` is the text for screen readers.
+/// Draws a picture of `width` × `height` pixels and returns it as an SVG element. `says` is the text for screen
+/// readers.
 fn sheet(width: u32, height: u32, says: &str, draw: impl FnOnce(&Paper<'_>) -> Drawn) -> Markup {
     let mut text = String::new();
     let drawn = {
@@ -51,7 +52,7 @@ struct Axes<'a> {
     y: (f64, f64),
     /// Unit, written above the vertical axis.
     unit: &'a str,
-    /// Label below the horizontal axis; may be empty.
+    /// Label below the horizontal axis; empty if the axis has none.
     across: &'a str,
     /// Formats a number at the horizontal axis.
     written: &'a dyn Fn(&f64) -> String,
@@ -90,20 +91,20 @@ impl Axes<'_> {
     }
 }
 
-/// Text style with letters of the height `size` in pixels.
+/// Returns a text style with letters that are `size` pixels high.
 fn letters(size: f64, color: RGBColor) -> TextStyle<'static> {
     // The backend draws letters smaller than requested.
     ("sans-serif", size * 1.24).into_font().color(&color)
 }
 
-/// Formats a number at an axis: at most three decimals, without trailing zeros.
+/// Formats the number at a mark of an axis: at most three decimals, without trailing zeros.
 pub fn tick(value: f64) -> String {
     let text = format!("{value:.3}");
     let text = text.trim_end_matches('0').trim_end_matches('.');
     if text == "-0" { "0".to_owned() } else { text.replace('-', "−") }
 }
 
-/// Formats a time at an axis, in hours, with the unit.
+/// Formats the time at a mark of an axis: `value` is in hours, and the text includes the unit.
 fn hours(value: &f64) -> String {
     format!("{} h", tick(*value))
 }
@@ -115,7 +116,8 @@ fn pixels(value: f64) -> i32 {
     pixels
 }
 
-/// Range of the finite values, widened by a margin. Its width is never zero. With `zero`, the range includes zero.
+/// Returns the lowest and the highest of the finite values, widened by a margin and never equal. With `zero`, the range
+/// includes zero.
 fn span(values: impl Iterator<Item = f64>, zero: bool) -> (f64, f64) {
     let begin = if zero { (0.0, 0.0) } else { (f64::MAX, f64::MIN) };
     let finite = values.filter(|value| value.is_finite());
@@ -129,7 +131,7 @@ fn span(values: impl Iterator<Item = f64>, zero: bool) -> (f64, f64) {
 
 /// Converts a number of objects to a floating-point number.
 fn count(things: usize) -> f64 {
-    #[allow(clippy::cast_precision_loss, reason = "a small number of objects in a picture")]
+    #[allow(clippy::cast_precision_loss, reason = "the number of objects in a picture is small")]
     let count = things as f64;
     count
 }

@@ -10,7 +10,8 @@ pub mod chart;
 
 const STYLE: &str = include_str!("style.css");
 
-/// Renders a complete HTML page. `source` names the origin of its figures, for example a log file.
+/// Renders a complete HTML page. `made` is its time of creation. `source` names the origin of its figures, for example
+/// a log file.
 pub fn page(title: &str, made: Moment, source: &str, content: &Markup) -> String {
     html! {
         (DOCTYPE)
@@ -34,8 +35,8 @@ pub fn page(title: &str, made: Moment, source: &str, content: &Markup) -> String
     .into_string()
 }
 
-/// Formats a point in time in the notation of RFC 3339, for programs. Returns `None` if the time counts from the start
-/// of a log.
+/// Formats a point in time in the notation of RFC 3339. Returns `None` if the time counts from the start of a log,
+/// because it is then no date.
 pub fn rfc3339(moment: Moment) -> Option<String> {
     stamp(moment).map(|stamp| stamp.to_string())
 }
@@ -64,8 +65,8 @@ pub fn figure(title: &str, picture: &Markup, caption: &str) -> Markup {
     }
 }
 
-/// Renders a table; its first column names the rows. A narrow page scrolls it sideways. A column whose heading ends in
-/// a colon contains words, any other column contains figures.
+/// Renders a table; its first column names the rows. On a narrow screen, the user can scroll the table sideways. A
+/// column whose heading ends in a colon contains words, any other column contains figures.
 pub fn table(heads: &[&str], rows: &Markup) -> Markup {
     html! {
         div .scroll tabindex="0" {
@@ -87,7 +88,7 @@ pub fn number(value: f64) -> String {
     decimals(value, 2)
 }
 
-/// Formats a number with `places` decimals, and with a minus sign as wide as a plus sign.
+/// Formats a number with this number of decimals (`places`), and with a minus sign as wide as a plus sign.
 pub fn decimals(value: f64, places: usize) -> String {
     let text = format!("{value:.places$}");
     let is_zero = !text.bytes().any(|byte| (b'1'..=b'9').contains(&byte));

@@ -15,8 +15,8 @@ pub struct Cut {
     pub axis: usize,
     /// Position of the plane in this direction, mm.
     pub at: f64,
-    /// Name of the block that the plane divides; earlier cuts may already have divided it. `None` for every block that
-    /// the plane intersects.
+    /// Name of the block that the plane divides. If earlier cuts have divided this block, the plane divides its parts.
+    /// `None`: the plane divides every block that it intersects.
     pub of: Option<String>,
 }
 
@@ -38,7 +38,7 @@ impl std::fmt::Display for Cut {
     }
 }
 
-/// Nodes of one block, before the candidates for its sensor are known.
+/// Name and nodes of one block, before the possible sensor nodes of the block are known.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Part {
     /// Name of the block.
@@ -200,15 +200,16 @@ pub fn blocks(mesh: &Mesh, parts: &[Part], reach: &Reach) -> Result<Vec<Block>, 
     Surveyed::new(mesh, reach).blocks(parts)
 }
 
-/// Mesh with the data that every division into parts requires.
+/// Mesh with precomputed node volumes and grid cells, which every division into blocks uses.
 pub(super) struct Surveyed<'a> {
     mesh: &'a Mesh,
     reach: &'a Reach,
     /// Volume of each node, mm³.
     volumes: Vec<f64>,
-    /// Nodes of each grid cell. The size of a cell is the margin; without a margin, there are no cells.
+    /// Nodes of each grid cell, for the search of near nodes. The side of a cell is the margin. Without a margin, there
+    /// are no cells.
     cells: Vec<Vec<usize>>,
-    /// For each cell, its own index and those of the adjacent cells.
+    /// For each grid cell, its own index and the indices of the adjacent cells.
     around: Vec<Vec<usize>>,
 }
 
@@ -218,7 +219,8 @@ impl<'a> Surveyed<'a> {
         Surveyed { mesh, reach, volumes: volumes(mesh), cells, around }
     }
 
-    /// Divides the nodes among the parts, and finds the centre and the candidates of each; see [`blocks`].
+    /// Creates a block from each part: finds the centre of its volume, and the nodes that may carry its sensor. See
+    /// [`blocks`].
     pub(super) fn blocks(&self, parts: &[Part]) -> Result<Vec<Block>, Vec<String>> {
         let Surveyed { mesh, reach, volumes, .. } = self;
         let near = self.near_others(&owners(mesh, parts));
@@ -292,7 +294,8 @@ fn volumes(mesh: &Mesh) -> Vec<f64> {
     volumes
 }
 
-/// Returns the nodes of each grid cell of this size, and for each cell its own index and those of the adjacent cells.
+/// Divides the space into grid cells with sides of `size` mm. Returns the nodes of each cell, and for each cell its own
+/// index and those of the adjacent cells.
 fn cells(mesh: &Mesh, size: f64) -> (Vec<Vec<usize>>, Vec<Vec<usize>>) {
     if size <= 0.0 {
         return (Vec::new(), Vec::new());

@@ -12,8 +12,8 @@ use crate::methods::bounded::least_squares;
 use crate::problem::{Load, UM_PER_MM, in_directions};
 use crate::structure::Adjoint;
 
-/// Calculates for any division of the structure the lower bound of the residual error, in some directions under all
-/// load cases.
+/// Calculator of the lower bound of the residual error for any division of a structure into blocks. The bound applies
+/// to all load cases and to the chosen directions.
 #[derive(Debug)]
 pub struct Floors<'a> {
     mesh: &'a Mesh,
@@ -24,12 +24,12 @@ pub struct Floors<'a> {
     moved: Vec<DVector<f64>>,
 }
 
-/// Data of a part from which bounds are calculated.
+/// Response and temperature range of one block, from which lower bounds are calculated.
 #[derive(Clone, Debug)]
 struct Piece {
-    /// Displacement of the guideway if this part is 1 K warmer, µm/K: a column of the matrix P.
+    /// Displacement of the guideway if this block is 1 K warmer, µm/K: a column of the matrix P.
     column: Vec<f64>,
-    /// Lowest and highest rise of the part in each case, K.
+    /// Lowest and highest temperature rise in the block for each load case, K.
     bounds: Vec<(f64, f64)>,
 }
 
@@ -67,8 +67,8 @@ impl<'a> Floors<'a> {
         parts.iter().map(|part| self.piece(&part.nodes)).collect()
     }
 
-    /// Returns the lower bound of the residual, µm RMS over guideway and cases. The division has these pieces without
-    /// those in `gone`, and with those in `made`.
+    /// Returns the lower bound of the residual error, µm RMS over guideway and load cases. The division consists of
+    /// `pieces` without the indices in `gone`, and of `made`.
     fn floor(&self, pieces: &[Piece], gone: &[usize], made: &[Piece]) -> f64 {
         let kept =
             pieces.iter().enumerate().filter(|(place, _)| !gone.contains(place)).map(|(_, piece)| piece);
@@ -89,8 +89,8 @@ impl<'a> Floors<'a> {
         self.floor(&self.pieces(parts), &[], &[])
     }
 
-    /// Returns the further cut with the smallest residual; `None` if no cut is possible. `may` returns whether a
-    /// division can be used.
+    /// Returns the additional cut with the smallest residual error; `None` if no cut is possible. `may` returns whether
+    /// a division is allowed.
     #[must_use]
     pub fn best_cut(&self, parts: &[Part], may: &dyn Fn(&[Part]) -> bool) -> Option<Division> {
         let pieces = self.pieces(parts);
@@ -107,8 +107,8 @@ impl<'a> Floors<'a> {
         Some(Division { cut: Some(cut.clone()), parts, floor_um })
     }
 
-    /// Returns the planes through a part that are tried, with the index of the part. If the part is larger than 50 mm,
-    /// the planes are at whole millimetres.
+    /// Returns the cutting planes to try for the block `part`, each with `place`, the index of the block. In a block
+    /// larger than 50 mm, the planes are at whole millimetres.
     fn cuts(&self, place: usize, part: &Part) -> Vec<(usize, Cut)> {
         let mut cuts = Vec::new();
         for axis in 0..AXES.len() {
@@ -122,8 +122,8 @@ impl<'a> Floors<'a> {
         cuts
     }
 
-    /// Joins the two adjacent parts with the least increase of the residual; `None` if no two parts can be joined.
-    /// `may` returns whether a division can be used.
+    /// Joins the two adjacent blocks whose union increases the residual error least; `None` if no two blocks can be
+    /// joined. `may` returns whether a division is allowed.
     #[must_use]
     pub fn best_join(&self, parts: &[Part], may: &dyn Fn(&[Part]) -> bool) -> Option<Division> {
         let pieces = self.pieces(parts);
@@ -156,7 +156,7 @@ impl Piece {
     }
 }
 
-/// Returns the pairs of parts that share an element, the lower index first.
+/// Returns the pairs of blocks that share an element, as indices, the lower one first.
 fn neighbours(mesh: &Mesh, parts: &[Part]) -> Vec<(usize, usize)> {
     let owner = owners(mesh, parts);
     let mut pairs = BTreeSet::new();

@@ -12,14 +12,14 @@ use crate::study::{Placement, Study, moves_most};
 use crate::views::View;
 use isotherm_html::figure;
 
-/// Colours of the bands, from cold to warm; each is darker than the previous one.
+/// Colours of the temperature bands, from cold to warm. Each colour is darker than the previous one.
 const TONES: [&str; 8] =
     ["#fbf6ec", "#f6e3c0", "#f1c98d", "#e6a85c", "#d38238", "#b35f20", "#8a4013", "#5e260b"];
 
 /// Margin around a view, pixels.
 const EDGE: f64 = 14.0;
 
-/// Draws the structure along each axis, from the side on which more sensors are visible.
+/// Draws the structure along each axis. Each view is from the side on which more sensors are visible.
 pub(super) fn views(study: &Study, placement: &Placement) -> Markup {
     let Some(load) = study.loads.get(moves_most(&placement.cases)) else { return html! {} };
     let (low, high) = range(load.rise.iter().copied());
@@ -41,10 +41,11 @@ fn title(view: &View) -> String {
     let sign = if view.from_above { "+" } else { "−" };
     let right = if view.mirrored() { "−" } else { "" };
     let [across, up] = view.plane.map(|axis| AXES[axis]);
-    format!("from {sign}{}: {right}{across} to the right, {up} up", AXES[view.axis])
+    format!("view from {sign}{}: {right}{across} to the right, {up} up", AXES[view.axis])
 }
 
-/// Returns the index of the colour band of a rise. The pair contains the smallest and the largest rise.
+/// Returns the index of the colour band for a temperature rise. The pair is the smallest and the largest rise of the
+/// drawing.
 fn band(rise: f64, (low, high): (f64, f64)) -> usize {
     #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "one of eight")]
     let band = ((rise - low) / (high - low) * count(TONES.len())).max(0.0) as usize;

@@ -23,13 +23,13 @@ const LINES: [&[f64]; 3] = [
     &[-320.0, -280.0, -240.0, -120.0, 0.0, 120.0, 240.0, 280.0],
 ];
 
-/// Heights of the planes between the blocks, mm. In depth (z), the plane between the blocks is at 0.
+/// Heights of the horizontal planes between the blocks, mm. A vertical plane at z = 0 divides the blocks in depth.
 const STOREYS: [f64; 3] = [400.0, 800.0, 1200.0];
 
 /// Heights of the boundaries between the heated patches of the rails, mm.
 const PATCHES: [f64; 6] = [160.0, 400.0, 640.0, 920.0, 1160.0, 1400.0];
 
-/// Load case: name, description, step line, air temperatures, and heat flows through surfaces, mW/mm².
+/// Load case: name, description, data line of the step, air temperatures, and heat flows through surfaces in mW/mm².
 type Case = (&'static str, &'static str, &'static str, Air, &'static [(&'static str, f64)]);
 
 const CASES: [Case; 11] = [
@@ -171,8 +171,8 @@ fn mesh() -> Mesh {
     )
 }
 
-/// Returns the position of the grid boundary with this number, mm. A number with a half is the middle between two
-/// boundaries.
+/// Returns the position of the grid boundary with the number `counted`, mm. A number such as 1.5 is the middle between
+/// the boundaries 1 and 2.
 fn along(axis: usize, counted: f64) -> f64 {
     let lines = LINES[axis];
     let at = |share: f64| {

@@ -34,7 +34,8 @@ impl FromStr for Rider {
     }
 }
 
-/// Returns the content of the matrix file: a column for each block, then one for each rider.
+/// Returns the content of the matrix file, with one column for each block, and then one for each rider (part that moves
+/// on the guideway).
 #[must_use]
 pub fn matrix(placement: &Placement, line: &GuideLine, riders: &[Rider]) -> String {
     let column = |block: usize| -> Vec<f64> { placement.p.iter().map(|row| row[block]).collect() };
@@ -58,7 +59,7 @@ pub fn matrix(placement: &Placement, line: &GuideLine, riders: &[Rider]) -> Stri
     )
 }
 
-/// Returns the signal names of the blocks and riders, in the form that a profile requires: small letters, digits,
+/// Returns the signal names of the blocks and riders. As a profile requires, they consist of small letters, digits and
 /// underscores.
 #[must_use]
 pub fn signals(placement: &Placement, riders: &[Rider]) -> Vec<String> {

@@ -10,11 +10,11 @@ use crate::mesh::{Mesh, count};
 /// Neighbours of each node, ascending, without the node itself.
 pub(super) struct Graph(Vec<Vec<usize>>);
 
-/// Number of nodes below which a further cut costs more than it saves.
+/// Number of nodes up to which a set is not divided further, because another cut would cost more than it saves.
 const LEAF: usize = 20;
 
-/// Factor of the unevenness of a cut in its additional relative cost. Small separators are more important than equal
-/// parts.
+/// Weight of the unequal size of the two sides in the cost of a cut. The weight is low, because a small separator is
+/// more important than equal sides.
 const UNEVEN: f64 = 1.0;
 
 impl Graph {
@@ -40,7 +40,7 @@ impl Graph {
         &self.0[node]
     }
 
-    /// Returns an elimination order of the nodes with little fill-in.
+    /// Returns an elimination order of the nodes that keeps the fill-in of the Cholesky factor small.
     pub(super) fn order(&self, xyz: &[[f64; 3]], nodes: Vec<usize>) -> Vec<usize> {
         let mut order = Vec::with_capacity(nodes.len());
         let mut rank = vec![OUTSIDE; xyz.len()];
@@ -59,8 +59,8 @@ impl Graph {
         order.extend(cut.separator);
     }
 
-    /// Returns the cheapest cut across an axis: the plane between the outer quarters with the fewest connected nodes.
-    /// `None` if there is no such plane.
+    /// Returns the cheapest cut across an axis: the plane between the outer quarters with the fewest nodes connected
+    /// across it. `None` if there is no such plane.
     fn cut(&self, xyz: &[[f64; 3]], nodes: &[usize], axis: usize, rank: &mut [usize]) -> Option<Cut> {
         let mut sorted = nodes.to_vec();
         sorted.sort_unstable_by(|a, b| xyz[*a][axis].total_cmp(&xyz[*b][axis]).then(a.cmp(b)));

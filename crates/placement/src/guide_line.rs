@@ -15,7 +15,7 @@ pub struct GuideLine {
     weights: Vec<Vec<(usize, f64)>>,
 }
 
-/// Distance below which two points are treated as one, as a share of the length of the guideway.
+/// Distance below which two points are treated as one, as a fraction of the length of the guideway.
 const SAME: f64 = 1e-4;
 
 impl GuideLine {
@@ -79,7 +79,7 @@ fn apart(guide: &[[f64; 3]], mut rail: Vec<usize>, across: usize) -> Vec<Vec<usi
     }
 }
 
-/// Returns the points of a rail, ascending, each with its nodes.
+/// Returns the points of a rail along the guideway: the position in mm, ascending, and the nodes at this position.
 fn line(guide: &[[f64; 3]], rail: &[usize], axis: usize, same: f64) -> Vec<(f64, Vec<usize>)> {
     let mut nodes = rail.to_vec();
     nodes.sort_by(|one, other| guide[*one][axis].total_cmp(&guide[*other][axis]));
@@ -94,8 +94,8 @@ fn line(guide: &[[f64; 3]], rail: &[usize], axis: usize, same: f64) -> Vec<(f64,
     points
 }
 
-/// Returns the weights of the nodes of a rail at a position. Between two points, the interpolation uses both points;
-/// beyond the ends, it uses the end point.
+/// Returns the nodes of a rail at a position, each with its weight. Between two points, the interpolation uses both
+/// points; beyond the ends, it uses the end point.
 fn shares(line: &[(f64, Vec<usize>)], at: f64) -> Vec<(usize, f64)> {
     let after = line.partition_point(|(point, _)| *point <= at);
     let (low, high) = (after.saturating_sub(1), after.min(line.len().saturating_sub(1)));

@@ -61,7 +61,7 @@ pub fn temperatures_of_each(inputs: &[FeInput]) -> Vec<Result<Vec<f64>, HeatErro
     inputs.par_iter().map(one).collect()
 }
 
-/// Returns the rises of all nodes at the end of the case, K.
+/// Returns the temperature rises of all nodes at the end of the load case, K.
 fn reached(heat: &Heat, load: &LoadCase, progress: Progress<'_>) -> Result<Vec<f64>, HeatError> {
     let reached = match load.case {
         Case::Steady => heat.steady()?,
@@ -81,7 +81,7 @@ fn held(mesh: &Mesh, load: &LoadCase) -> Vec<bool> {
 /// and conductance in mW/K.
 type Coupling = Vec<(usize, usize, f64)>;
 
-/// Conduction of a body without its films, mW/K.
+/// Heat conduction of a body without heat exchange by films, mW/K.
 #[derive(Clone)]
 struct Conducts {
     system: System<1>,
@@ -106,7 +106,7 @@ impl Conducts {
     }
 }
 
-/// Conduction and capacity of a body, and its heat sources.
+/// Equations of heat conduction of a body: conductances, heat capacities, and heat sources.
 pub(super) struct Heat {
     /// Conduction and films, mW/K.
     pub(super) conduction: System<1>,
@@ -282,7 +282,7 @@ fn for_each_face_point(mesh: &Mesh, face: Face, mut visit: impl FnMut(&[usize], 
     }
 }
 
-/// Rejects a steady case in which a part of the mesh has neither a film nor a prescribed temperature.
+/// Returns an error for a steady load case if a part of the mesh has neither a film nor a prescribed temperature.
 fn anchored(mesh: &Mesh, load: &LoadCase) -> Result<(), HeatError> {
     let joints = mesh.elements.iter().flat_map(|each| each.nodes.iter().map(|node| (each.nodes[0], *node)));
     let part = parts(mesh.nodes.len(), joints);
@@ -299,7 +299,11 @@ fn anchored(mesh: &Mesh, load: &LoadCase) -> Result<(), HeatError> {
 
 /// Returns the number of whole steps in a period. `steps` is the quotient, which may be slightly too small by rounding.
 fn whole_steps(steps: f64) -> usize {
-    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "the reader refuses too many")]
+    #[allow(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "the reader rejects too many steps"
+    )]
     let whole = (steps * (1.0 + 1e-9)).floor() as usize;
     whole
 }

@@ -44,8 +44,8 @@ impl Kind {
         }
     }
 
-    /// Returns the places of the nodes of a face in the element: corners, then midpoints of the edges. `side` is 0 to
-    /// 3, in an FE input file F1 to F4.
+    /// Returns the positions of the nodes of a face in the element's node list: corners, then midpoints of the edges.
+    /// `side` is 0 to 3, in an FE input file F1 to F4.
     #[must_use]
     pub fn face(self, side: usize) -> &'static [usize] {
         match self {
@@ -79,7 +79,7 @@ pub struct Face {
     pub side: usize,
 }
 
-/// A body of tetrahedra.
+/// Finite-element mesh of a body of tetrahedra, with its named sets.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Mesh {
     /// Numbers of the nodes in the FE input file, ascending. All other data refer to a node by its index in this list.
@@ -115,7 +115,7 @@ impl Mesh {
         used
     }
 
-    /// Returns the nodes of a face.
+    /// Returns the nodes of a face, as indices in [`Mesh::nodes`].
     pub fn face_nodes(&self, face: Face) -> impl Iterator<Item = usize> {
         let element = &self.elements[face.element];
         element.kind.face(face.side).iter().map(|place| element.nodes[*place])
@@ -145,7 +145,7 @@ impl Mesh {
         key
     }
 
-    /// Returns the nodes of the outer faces, ascending. Only these nodes may be accessible for a sensor.
+    /// Returns the nodes of the outer faces, ascending. Only at these nodes can a sensor be mounted.
     #[must_use]
     pub fn skin(&self) -> Vec<usize> {
         let mut on = vec![false; self.nodes.len()];
@@ -164,7 +164,7 @@ pub(super) fn axis_and_value(text: &str) -> Option<(usize, f64)> {
     Some((axis, value.trim().parse().ok().filter(|value: &f64| value.is_finite())?))
 }
 
-/// Returns the smallest and the largest of the values; infinite bounds without values.
+/// Returns the smallest and the largest of the values. If there are no values, returns infinite bounds.
 pub(super) fn range(values: impl Iterator<Item = f64>) -> (f64, f64) {
     values.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), value| (low.min(value), high.max(value)))
 }

@@ -33,7 +33,8 @@ impl Method {
     }
 }
 
-/// Returns for each block the candidate with the temperature nearest to `theta`, as an index in its list of candidates.
+/// Returns for each block the index of the candidate node with the temperature nearest to `theta` (requested rises of
+/// the blocks, K).
 #[must_use]
 pub fn nearest(target: &Target, theta: &[f64]) -> Vec<usize> {
     let place = |(offered, theta): (&Vec<f64>, &f64)| {
@@ -43,8 +44,8 @@ pub fn nearest(target: &Target, theta: &[f64]) -> Vec<usize> {
     target.offered.iter().zip(theta).map(place).collect()
 }
 
-/// Returns for each block the node nearest to the centre of its volume, whether it is accessible or not. It represents
-/// a choice without a calculation.
+/// Returns for each block the node nearest to the centre of its volume, whether a sensor can be mounted there or not.
+/// The result represents a choice without a calculation.
 #[must_use]
 pub fn central(problem: &Problem, xyz: &[[f64; 3]]) -> Vec<usize> {
     let central = |block: &Block| {

@@ -27,7 +27,7 @@ pub(crate) fn listening<R: Send>(
     })
 }
 
-/// Applies `of` to each item in parallel, and returns the results in order.
+/// Calls the function `of` for each item in parallel, and returns the results in the order of the items.
 pub(crate) fn each<T: Sync, R: Send>(
     what: &str,
     things: &[T],

@@ -112,7 +112,7 @@ impl Problem {
         count(self.matrix.nrows())
     }
 
-    /// Returns the displacement P·θ by block temperatures θ (rises, K), µm.
+    /// Returns the displacement P·θ of the guideway for the block temperatures θ (rises, K), µm.
     #[must_use]
     pub fn evaluate(&self, theta: &[f64]) -> DVector<f64> {
         &self.matrix * DVector::from_column_slice(theta)
@@ -126,27 +126,28 @@ impl Problem {
         (left.max(0.0) / self.rows().max(1.0)).sqrt()
     }
 
-    /// Returns the rises that sensors at these candidates measure in a case, K. `places` are indices in the blocks'
-    /// lists of candidates.
+    /// Returns the temperature rises that sensors at these candidate nodes measure in a load case, K. `places` are
+    /// indices in the blocks' lists of candidates.
     #[must_use]
     pub fn readings(&self, target: &Target, places: &[usize]) -> Vec<f64> {
         places.iter().zip(&target.offered).map(|(place, offered)| offered[*place]).collect()
     }
 
-    /// Returns the residual of a case with sensors at these candidates, µm RMS.
+    /// Returns the residual error of a load case with sensors at these candidate nodes, µm RMS.
     #[must_use]
     pub fn rms_of(&self, target: &Target, places: &[usize]) -> f64 {
         self.rms(target, &self.readings(target, places))
     }
 
-    /// Returns the residual of each case with sensors at these candidates, µm RMS.
+    /// Returns the residual error of each load case with sensors at these candidate nodes, µm RMS.
     #[must_use]
     pub fn rms_of_each(&self, places: &[usize]) -> Vec<f64> {
         self.targets.iter().map(|target| self.rms_of(target, places)).collect()
     }
 }
 
-/// Selects the rows of these directions from rows 3·guide + component, one direction after the other.
+/// Selects the rows of these directions from a matrix with the rows 3·guide + component. The result has one direction
+/// after the other.
 pub(super) fn in_directions<'a, T>(rows: &'a [T], components: &[usize]) -> Vec<&'a T> {
     components.iter().flat_map(|component| rows.iter().skip(*component).step_by(3)).collect()
 }

@@ -31,7 +31,7 @@ mod tests;
 /// state.
 const PERIODS: [f64; 5] = [14_400.0, 3_600.0, 900.0, 180.0, 40.0];
 
-/// Relative norm of the new part of a vector below which the basis does not include it.
+/// Relative norm below which the new part of a vector is not added to the basis.
 const NEW: f64 = 1e-7;
 
 /// Reason why modes cannot be calculated.
@@ -149,12 +149,12 @@ struct File<'a> {
     moves_um: BTreeMap<&'a str, Vec<Vec<f64>>>,
 }
 
-/// Rounds to seven digits. For a temperature in °C, the last digit is then 0.00001 K.
+/// Rounds numbers to seven digits. For a temperature in °C, the last digit is then 0.00001 K.
 fn short(values: impl Iterator<Item = f64>) -> Vec<f64> {
     values.map(|value| format!("{value:.6e}").parse().unwrap_or(value)).collect()
 }
 
-/// Right-hand sides of the heat equation: the heat flow into each node. It is in mW for 1 W into a port, and in mW/K
+/// Right-hand sides of the heat equation: heat flows into each node. They are in mW for 1 W into a port, and in mW/K
 /// for 1 K at a sink.
 struct Inputs {
     ports: BTreeMap<String, Vec<f64>>,

@@ -147,7 +147,7 @@ impl<'a> Structure<'a> {
         Adjoint { rows, columns, values }
     }
 
-    /// Calculates the work of the thermal expansion of each node on each adjoint displacement.
+    /// Calculates for each adjoint displacement the work of the thermal expansion of each node (for 1 K).
     fn gather(&self, adjoints: &Mat<f64>, values: &mut [f64]) {
         let columns = self.mesh.nodes.len();
         let each = adjoints.ncols().div_ceil(rayon::current_num_threads()).max(1);
@@ -186,13 +186,13 @@ impl<'a> Structure<'a> {
         works
     }
 
-    /// Returns the stress per kelvin if the element cannot expand, MPa/K.
+    /// Returns the thermal stress per kelvin of an element that cannot expand, MPa/K.
     fn push(&self, element: usize) -> f64 {
         let material = self.materials.of(element);
         material.young * material.expansion / (1.0 - 2.0 * material.poisson)
     }
 
-    /// Returns the number of values in the factor, 8 bytes each.
+    /// Returns the number of values in the Cholesky factor. Each value has 8 bytes.
     #[must_use]
     pub fn stored(&self) -> usize {
         self.factor.stored()
@@ -204,7 +204,7 @@ impl<'a> Structure<'a> {
 ///
 /// # Errors
 /// The body can move as a rigid body. The result of a single load case is an error if the load case has no solution.
-#[allow(clippy::type_complexity, reason = "two results, one of them by load case")]
+#[allow(clippy::type_complexity, reason = "the function returns two results, one of them per load case")]
 pub fn guideway_and_temperatures(
     inputs: &[FeInput],
     fixed: &[usize],
@@ -222,7 +222,7 @@ pub fn guideway_and_temperatures(
     Ok((adjoint?, rises))
 }
 
-/// Transposes columns, so that the values of one row are adjacent.
+/// Transposes a matrix, so that the values of one row are adjacent in memory.
 fn side_by_side(columns: MatRef<'_, f64>) -> Vec<f64> {
     let width = columns.ncols();
     let mut rows = vec![0.0; columns.nrows() * width];
@@ -236,7 +236,7 @@ fn add_to(sums: &mut [f64], factor: f64, values: &[f64]) {
     sums.iter_mut().zip(values).for_each(|(sum, value)| *sum += factor * value);
 }
 
-/// Adds the contribution of a point to the stiffness between two nodes of its element.
+/// Adds the contribution of one integration point to the stiffness matrix between two nodes of its element.
 fn elastic(block: &mut [[f64; 3]; 3], point: &Point, nodes: [usize; 2], bulk: f64, shear: f64) {
     let [a, b] = nodes.map(|node| point.gradient[node]);
     let along = shear * dot(a, b);

@@ -41,7 +41,7 @@ pub struct Criteria {
     pub case: Option<usize>,
     /// Errors that are negligible, and end the calculation of a method.
     pub tolerance: Tolerance,
-    /// Assumed distance of a misplaced sensor from its place, mm.
+    /// Assumed distance of each sensor from its calculated place, mm.
     pub misplaced: f64,
 }
 
@@ -109,7 +109,7 @@ pub struct MethodResult {
     /// Error with the requested block temperatures, µm RMS. For a method that selects nodes directly, it equals
     /// `rms_um`.
     pub optimised_rms_um: f64,
-    /// Sensors that the method has selected, one for each block.
+    /// Sensors at the nodes that the method has selected, one for each block.
     pub sensors: Vec<Sensor>,
     /// Block temperatures θg that the method requests (rises, K). Empty for a method that selects nodes directly.
     #[serde(skip_serializing_if = "Vec::is_empty")]
@@ -144,7 +144,7 @@ pub struct CaseResult {
     pub multi_case: MethodResult,
     /// Error on this case with nodes that were selected for all other cases, µm RMS; `None` if there is only one case.
     pub left_out_rms_um: Option<f64>,
-    /// Additional error by misplaced sensors of the selected method, µm RMS.
+    /// Additional error if the sensors of the selected method are not exactly at their places, µm RMS.
     pub misplaced_um: f64,
     /// Displacement that nodes at the centres of the blocks predict, mm, rows 3·guide + component.
     #[serde(skip)]
@@ -209,9 +209,9 @@ pub struct Placement {
     pub cross_case: Vec<CrossCase>,
     /// Noise of the sensors, K.
     pub noise_k: f64,
-    /// Effect of the noise on the guideway, µm RMS.
+    /// Effect of the sensor noise on the predicted displacement of the guideway, µm RMS.
     pub noise_um: f64,
-    /// Assumed distance of misplaced sensors, mm.
+    /// Assumed distance of each sensor from its calculated place, mm.
     pub misplaced_mm: f64,
     /// Lower bound of the error with these blocks, µm RMS over all cases.
     pub floor_um: f64,
@@ -223,7 +223,7 @@ pub struct Placement {
     pub best_cut: Option<(String, f64)>,
     /// Error by number of sensors; empty without the sensitivity of the guideway to every node.
     pub by_number: Vec<SensorCount>,
-    /// Returns the coordinates of the guideway nodes, mm.
+    /// Coordinates of the guideway nodes, mm.
     pub guide_xyz: Vec<[f64; 3]>,
     /// Remarks about the result, for the reader of the report.
     pub remarks: Vec<String>,
@@ -233,7 +233,7 @@ fn by_name<S: serde::Serializer>(cases: &[CaseResult], to: S) -> Result<S::Ok, S
     to.collect_map(cases.iter().map(|case| (&case.name, case)))
 }
 
-/// Share of the lower bound in the error above which the division into blocks limits the result.
+/// Ratio of the lower bound to the error, above which the division into blocks limits the result.
 const LIMITS: f64 = 0.7;
 
 /// Selects the places of the sensors, and evaluates them on every load case.
@@ -365,12 +365,12 @@ pub fn rows(columns: &[Vec<f64>]) -> Vec<Vec<f64>> {
     (0..height).map(|row| columns.iter().map(|column| column[row]).collect()).collect()
 }
 
-/// Returns the displacement P·θ of the guideway by block temperatures, in all directions, mm.
+/// Returns the displacement P·θ of the guideway for the block temperatures θ, in all directions, mm.
 fn evaluate(p: &[Vec<f64>], theta: &[f64]) -> Vec<f64> {
     p.iter().map(|row| row.iter().zip(theta).map(|(each, theta)| each * theta).sum()).collect()
 }
 
-/// Returns the root mean square of root mean squares.
+/// Returns the root mean square of several root mean squares.
 pub(super) fn root_mean_square(each: &[f64]) -> f64 {
     (each.iter().map(|rms| rms.powi(2)).sum::<f64>() / count(each.len().max(1))).sqrt()
 }

@@ -70,8 +70,7 @@ impl<const WIDTH: usize> System<WIDTH> {
     }
 
     /// Adds a block of values that couples two free nodes: `block[row][column]` with the rows of node `row` and the
-    /// columns of node `column`. Both are numbers among the free nodes. Of the two blocks of a pair, only the one with
-    /// `row ≥ column` is stored.
+    /// columns of node `column`. Both are numbers among the free nodes. The block is stored only if `row ≥ column`.
     pub(super) fn add(&mut self, row: usize, column: usize, block: &[[f64; WIDTH]; WIDTH]) {
         if row < column {
             return;
@@ -87,7 +86,7 @@ impl<const WIDTH: usize> System<WIDTH> {
         }
     }
 
-    /// Number of rows of a right-hand side.
+    /// Returns the number of rows of a right-hand side.
     pub(super) fn size(&self) -> usize {
         self.pattern.size
     }
@@ -150,7 +149,7 @@ fn eliminated<const WIDTH: usize>(
 }
 
 impl System<1> {
-    /// Returns the product with the values of all nodes of the mesh. Fixed nodes are left out.
+    /// Returns the product of the matrix with the values of all nodes of the mesh. Fixed nodes are left out.
     pub(super) fn times(&self, values: &[f64]) -> Vec<f64> {
         let Pattern { free, start, rows, .. } = &*self.pattern;
         let own: Vec<f64> =
@@ -182,12 +181,12 @@ impl<const WIDTH: usize> Factor<WIDTH> {
         &self.pattern.free
     }
 
-    /// Number of rows of a right-hand side: `WIDTH` for each free node.
+    /// Returns the number of rows of a right-hand side: `WIDTH` for each free node.
     pub(super) fn rows(&self) -> usize {
         self.symbolic.nrows()
     }
 
-    /// Number of values in the factor.
+    /// Returns the number of values in the Cholesky factor.
     pub(super) fn stored(&self) -> usize {
         self.values.len()
     }

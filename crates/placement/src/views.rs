@@ -5,7 +5,7 @@ use rayon::prelude::*;
 
 use crate::mesh::{Face, Mesh, count, range};
 
-/// Number of pixels along the longest side of the structure.
+/// Number of pixels of a view along the longest side of the structure.
 const FINE: usize = 400;
 
 /// View along one axis, with the nearest surface in each pixel.
@@ -25,10 +25,10 @@ pub struct View {
     seen: Vec<Option<VisiblePoint>>,
 }
 
-/// Visible point of a pixel.
+/// Point of the surface that is visible in one pixel.
 #[derive(Clone, Copy, Debug)]
 pub struct VisiblePoint {
-    /// Coordinate along the axis towards the viewer, mm.
+    /// Coordinate of the point along the axis of the view, towards the viewer, mm.
     depth: f64,
     /// Corners of one triangle of the surface.
     pub corners: [usize; 3],
@@ -83,7 +83,8 @@ impl View {
         [0, 1].map(|way| (xyz[self.plane[way]] - self.low[way]) / self.pixel)
     }
 
-    /// Returns whether the drawing must be mirrored horizontally to be correct.
+    /// Returns whether the horizontal axis of the drawing must be mirrored, because the view would otherwise show a
+    /// mirror image.
     #[must_use]
     pub fn mirrored(&self) -> bool {
         // Depending on the direction of the view, the three axes form a right-handed or left-handed image.
@@ -103,7 +104,7 @@ impl View {
         if self.from_above { xyz[self.axis] } else { -xyz[self.axis] }
     }
 
-    /// Returns whether nothing covers this point, with a tolerance of two pixels.
+    /// Returns whether no part of the structure hides this point in the view, with a tolerance of two pixels.
     #[must_use]
     pub fn sees(&self, xyz: &[f64; 3]) -> bool {
         let [right, up] = self.place(xyz);

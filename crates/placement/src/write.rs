@@ -37,13 +37,13 @@ pub(super) fn coordinates(mesh: &Mesh) -> String {
     text
 }
 
-/// Writes the line of an element.
+/// Appends the line of an element to `text`: its number, and the numbers of its nodes.
 pub(super) fn element(text: &mut String, id: u32, nodes: &[usize], mesh: &Mesh) {
     let nodes: Vec<String> = nodes.iter().map(|node| mesh.nodes[*node].to_string()).collect();
     let _ = writeln!(text, "{id}, {}", nodes.join(", "));
 }
 
-/// Writes a node set.
+/// Appends a node set with this name to `text`.
 pub(super) fn nodes(text: &mut String, name: &str, mesh: &Mesh, nodes: impl Iterator<Item = usize>) {
     set(text, &format!("*NSET, NSET={name}"), nodes.map(|node| mesh.nodes[node].0));
 }
@@ -126,7 +126,7 @@ pub fn load(mesh: &Mesh, load: &LoadCase, print: &str) -> String {
     text
 }
 
-/// Writes a card with these lines, or nothing if there are no lines.
+/// Appends a card with these lines to `text`; without lines, appends nothing.
 fn card(text: &mut String, card: &str, lines: impl Iterator<Item = String>) {
     for (place, line) in lines.enumerate() {
         let _ = if place == 0 { writeln!(text, "{card}\n{line}") } else { writeln!(text, "{line}") };

@@ -1,5 +1,5 @@
-//! An hour without a broker, whose values are published afterwards. Prints the disk space and the messages that this
-//! takes.
+//! Example: the gateway has no broker for an hour, and publishes the stored values afterwards. Prints the disk space
+//! and the number of messages that this takes.
 //!
 //! `cargo run --release -p isotherm-plant --example gap`: a hundred temperatures with one value per second each.
 
@@ -17,7 +17,7 @@ fn at(second: u32) -> Moment {
     Moment::from_nanos((1_800_000_000 + u64::from(second)) * 1_000_000_000)
 }
 
-/// Makes a snapshot for a second. Every temperature differs from the one of the second before.
+/// Makes the snapshot of the second `second`. Every temperature differs from its value one second before.
 fn snapshot(second: u32) -> Snapshot {
     let signal = |number: u32| Metric {
         subject: Subject::Signal(format!("bed-{number}")),
@@ -41,7 +41,10 @@ fn main() -> Result<(), Box<dyn Error>> {
         }
     }
     let (records, bytes) = (store.len(), store.bytes());
-    println!("kept: {records} records, {bytes} bytes, {} a value", bytes / u64::from(SIGNALS * SECONDS));
+    println!(
+        "stored: {records} records, {bytes} bytes, {} bytes per value",
+        bytes / u64::from(SIGNALS * SECONDS)
+    );
 
     let will = node.will();
     let birth = node.connected(at(SECONDS), &snapshot(SECONDS));
@@ -59,7 +62,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         }
         store.drop_first(records.len())?;
     }
-    println!("told: {messages} messages, {sent} bytes; {} bytes left on disk", store.bytes());
+    println!("published: {messages} messages, {sent} bytes; {} bytes left on disk", store.bytes());
     let told = node.publish(at(SECONDS + 1), &snapshot(SECONDS + 1));
     println!(
         "a second: {} message, {} bytes",

@@ -25,8 +25,7 @@ use crate::interface::{
 mod command;
 mod discovery;
 
-/// Maximum number of events whose delivery is not confirmed. Above this number, the oldest events are assumed to be
-/// delivered.
+/// Maximum number of events whose delivery is not confirmed. If there are more, the oldest events count as delivered.
 const MOST_RECENT: usize = 1000;
 
 /// Settings of the JSON messages.
@@ -55,8 +54,8 @@ pub struct Json {
     published: BTreeMap<Subject, PublishedValues>,
     /// Time at which `online` was published last on this connection.
     online_at: Moment,
-    /// Events that were published last, with the times of publication. After a lost connection, they may be
-    /// undelivered.
+    /// Events that were published last, with the times of publication. They are published again if the connection is
+    /// lost before the broker has confirmed them.
     recent: VecDeque<(Moment, Record)>,
 }
 

@@ -72,7 +72,7 @@ const BETWEEN_BIRTHS: std::time::Duration = std::time::Duration::from_secs(1);
 /// Approximate maximum size of a message or record, in bytes. More metrics are divided into several messages.
 const BYTES_IN_ONE: usize = 32 * 1024;
 
-/// Maximum number of events that wait for a delayed birth; beyond it, the oldest are lost.
+/// Maximum number of events that wait for a delayed birth message. If there are more, the oldest events are lost.
 const MOST_WAITING_EVENTS: usize = 256;
 
 /// Sparkplug edge node: the publisher of this message format.
@@ -80,7 +80,7 @@ const MOST_WAITING_EVENTS: usize = 256;
 pub struct Sparkplug {
     address: Address,
     takes_measured: bool,
-    /// Watch of the primary host; `None` if the node waits for no host.
+    /// State of the primary host; `None` if the profile names no host for which the node must wait.
     host: Option<HostWatch>,
     death_number: DeathNumber,
     seq: u8,
@@ -91,15 +91,16 @@ pub struct Sparkplug {
     shift: Shift,
     published: PublishedMetrics,
     unconfirmed: Unconfirmed,
-    /// Stored records that were published last, with a primary host. They are on disk until the broker has them, but the
-    /// host may die before it has stored them.
+    /// Stored records that were published recently, used only with a primary host. They are on disk until the broker
+    /// has them, but the host may die before it has stored them.
     forwarded: Unconfirmed,
-    /// Whether a host has requested a birth that is not due yet. The node publishes no data before this birth.
+    /// Whether a host has requested a birth message that must wait for the minimum time between births. The node
+    /// publishes no data before this birth.
     owes_birth: bool,
-    /// Events since a host requested the birth; they are published after it.
+    /// Events since a host requested the birth message. They are published after that message.
     waiting: Vec<PlantEvent>,
-    /// Time stamp and content of the last measured error without an identification. If both arrive again, the broker
-    /// has delivered the message twice.
+    /// Time stamp and content of the last measured error without an identification. A second message with the same time
+    /// stamp and content is a duplicate delivery.
     last_asked: Option<(u64, Command)>,
     left_out: LostValues,
     /// Number of lost values at the last call of [`Publisher::left_out`].
@@ -115,7 +116,7 @@ pub struct LostValues {
     pub unknown_values: u64,
     /// Published records that may be undelivered, but could not be stored, because the limit of memory was reached.
     pub unconfirmed_records: u64,
-    /// Events above the limit of those that wait for a delayed birth.
+    /// Events that were discarded because too many events waited for a delayed birth.
     pub events: u64,
 }
 
@@ -241,7 +242,7 @@ impl Sparkplug {
     }
 }
 
-/// Divides metrics into parts, each at most about as large as one message may be.
+/// Divides metrics into groups. Each group fits into one message of about the maximum size.
 fn in_parts(metrics: Vec<Metric>) -> Vec<Vec<Metric>> {
     let mut parts: Vec<Vec<Metric>> = Vec::new();
     let mut bytes = 0;
@@ -281,8 +282,8 @@ impl Publisher for Sparkplug {
         self.death_number.is_sent();
     }
 
-    /// Returns the subscription to the state of the primary host after that to commands. The answer to the state may be
-    /// a birth, which must follow both.
+    /// Returns the subscription to commands, and then the subscription to the state of the primary host. The state is
+    /// last, because the received state can cause a birth message, which must follow both subscriptions.
     fn subscriptions(&self) -> Vec<Subscription> {
         let topics =
             [Some(self.address.topic(Verb::Command)), self.host.as_ref().map(|host| host.topic().to_owned())];

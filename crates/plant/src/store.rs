@@ -54,9 +54,9 @@ pub struct Store {
     writer: Option<File>,
     /// Whether the directory entry of the last file is not yet synchronised to disk.
     is_new: bool,
-    /// Number of the first record that is not marked as published.
+    /// Number of the first record that is not yet marked as published.
     published: u64,
-    /// Number that the next record will get.
+    /// Number of the next record that will be appended.
     next: u64,
     published_file: NumberFile,
     dropped: u64,
@@ -130,7 +130,7 @@ impl Store {
         Ok(store)
     }
 
-    /// Returns the number of unpublished records that exist in no file, because a file is damaged or missing.
+    /// Returns the number of unpublished records that are in no file, because a file is damaged or missing.
     fn missing(&self) -> u64 {
         let mut expected = self.published;
         let mut missing = 0;
@@ -214,7 +214,7 @@ impl Store {
         if lost_some { self.published_file.write(self.published) } else { Ok(()) }
     }
 
-    /// Returns the size of all files on disk, in bytes, after `bytes` more bytes are appended.
+    /// Returns the size of all files on disk in bytes, if `bytes` more bytes were appended.
     fn after(&self, bytes: u64) -> u64 {
         let sizes = self.segments.iter().map(|segment| segment.bytes);
         let grows = self.writer.is_some();

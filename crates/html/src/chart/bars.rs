@@ -1,4 +1,4 @@
-//! Horizontal bars, each with its name to the left and its figure to the right.
+//! Chart of horizontal bars. Each bar has its name to the left and its value as text to the right.
 
 use maud::Markup;
 use plotters::prelude::*;
@@ -15,9 +15,9 @@ pub struct Bar {
     pub value: f64,
     /// Uncertainty of `value`: half the length of the whisker at the end of the bar. With 0, no whisker is drawn.
     pub doubt: f64,
-    /// Length of a second bar, drawn as an outline around this bar.
+    /// Length of a second bar, drawn as an outline around this bar; `None` if there is no second bar.
     pub outline: Option<f64>,
-    /// Text of the value, printed at the right edge.
+    /// Text of the value, printed at the right edge of the chart.
     pub figure: String,
 }
 

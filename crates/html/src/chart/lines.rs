@@ -110,8 +110,8 @@ fn draw(chart: &mut Plot<'_, '_>, axes: &Axes<'_>, all: &[Line]) -> Drawn {
     Ok(())
 }
 
-/// Draws `values` over their index, from 0 on. The value at the index `marked` has a ring; `level` is a dashed
-/// horizontal line.
+/// Draws `values` over their index, from 0 on. The value at the index `marked` gets a ring. A dashed horizontal line is
+/// drawn at `level`.
 pub fn curve(unit: &str, says: &str, values: &[f64], marked: usize, level: f64) -> Markup {
     let (_, high) = span(values.iter().copied().chain([level]), true);
     let places = || values.iter().enumerate().map(|(place, value)| (count(place), *value));
@@ -131,7 +131,7 @@ pub fn curve(unit: &str, says: &str, values: &[f64], marked: usize, level: f64) 
     })
 }
 
-/// Draws each pair as a point, the second value over the first, with the line on which both are equal.
+/// Draws each pair `(x, y)` as a point, and the diagonal line on which x equals y.
 pub fn scatter(unit: &str, says: &str, pairs: &[(f64, f64)]) -> Markup {
     let (low, high) = span(pairs.iter().flat_map(|(one, other)| [*one, *other]), true);
     let both = (low, high);

@@ -19,7 +19,7 @@ enum Block {
     /// Part with this name.
     Part(String),
     Assembly,
-    /// Last instance of the list.
+    /// Instance of a part: the last one in the list of instances.
     Instance,
 }
 
@@ -146,7 +146,7 @@ fn position(card: &Card) -> Result<Position, Fault> {
     Ok(position)
 }
 
-/// Returns the block that is open after a card that begins or ends a block.
+/// Returns the block that is open after this card, which begins or ends a block such as `*PART`.
 fn next(card: &Card, open: &Block, blocks: &mut Blocks, faults: &mut Faults) -> Result<Block, Fault> {
     let named = |parameter: &str| {
         let name = card.value(parameter).filter(|name| !name.is_empty());
@@ -191,8 +191,8 @@ fn next(card: &Card, open: &Block, blocks: &mut Blocks, faults: &mut Faults) -> 
     }
 }
 
-/// Joins the cards of the instance and the others. Names that both define are distinguished, and references to the
-/// instance become references to these names.
+/// Joins the cards of the instance with the cards outside of it. A name that both define gets the prefix `INSTANCE.` in
+/// the cards of the part. References to the instance then use the joined names.
 fn with_common_names(
     mut own: Vec<Card>,
     mut others: Vec<Card>,

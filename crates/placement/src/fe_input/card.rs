@@ -53,7 +53,7 @@ impl Line {
         self.values().nth(place).unwrap_or_default()
     }
 
-    /// Returns an error if the line has fewer or more values than `names`.
+    /// Returns an error if the number of values in the line differs from the number of `names`.
     pub(super) fn exactly(&self, names: &[&str]) -> Result<(), Fault> {
         let (has, wanted) = (self.len(), names.len());
         let counted = if has == 1 { "1 value".to_owned() } else { format!("{has} values") };
@@ -103,7 +103,7 @@ impl Line {
         self.at.fault(message)
     }
 
-    /// Replaces each value for which `renamed` returns another one.
+    /// Replaces each value for which `renamed` returns `Some`.
     fn rename(&mut self, renamed: impl Fn(&str) -> Option<String>) {
         if self.values().any(|value| renamed(value).is_some()) {
             let values: Vec<String> =
@@ -113,7 +113,7 @@ impl Line {
     }
 }
 
-/// Shortens a text of a file for a message.
+/// Shortens a text from the input file, to quote it in a message.
 pub(super) fn quoted(text: &str) -> String {
     const LONGEST: usize = 200;
     match text.char_indices().nth(LONGEST) {
@@ -128,7 +128,7 @@ pub(super) struct Card {
     pub(super) at: Location,
     /// Keyword in capitals, without blanks: `HEATTRANSFER`.
     pub(super) key: String,
-    /// Names in capitals without blanks; values as written.
+    /// Parameters of the card: names in capitals without blanks, and values as written.
     parameters: Vec<(String, Option<String>)>,
     pub(super) lines: Vec<Line>,
     /// Position of the instance to which the nodes of the card belong; `None` if their coordinates are those of the
@@ -171,7 +171,7 @@ impl Card {
         Some(value)
     }
 
-    /// Replaces the values of the parameters in `names` for which `renamed` returns another value.
+    /// Replaces the values of the parameters in `names`, if `renamed` returns `Some` for them.
     pub(super) fn rename_parameters(&mut self, names: &[&str], renamed: impl Fn(&str) -> Option<String>) {
         for (_, value) in self.parameters.iter_mut().filter(|(name, _)| names.contains(&name.as_str())) {
             if let Some(new) = value.as_deref().and_then(&renamed) {
@@ -180,7 +180,7 @@ impl Card {
         }
     }
 
-    /// Replaces each value of the data lines for which `renamed` returns another one.
+    /// Replaces each value of the data lines for which `renamed` returns `Some`.
     pub(super) fn rename_values(&mut self, renamed: impl Fn(&str) -> Option<String>) {
         self.lines.iter_mut().for_each(|line| line.rename(&renamed));
     }
@@ -200,7 +200,7 @@ pub(super) fn read(path: &Path, faults: &mut Faults) -> Vec<Card> {
     gathering.cards
 }
 
-/// State of the reader: the cards read so far, and the counters for the limits.
+/// State of the reader of input files: the cards read so far, and the counters for the limits.
 struct Gathering<'f> {
     cards: Vec<Card>,
     faults: &'f mut Faults,

@@ -47,7 +47,7 @@ pub struct Faults {
     pub more: usize,
 }
 
-/// Maximum number of errors in the message.
+/// Maximum number of errors that the printed text lists.
 const SHOWN: usize = 20;
 /// Maximum number of described errors; further errors are only counted. A mesh without its nodes has an error in every
 /// line.

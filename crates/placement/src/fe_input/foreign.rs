@@ -171,7 +171,8 @@ fn of_text(first: &str, second: &str, text: &str) -> Option<Known> {
     })
 }
 
-/// Recognises formats without a mark at their start. The file does not begin with a card.
+/// Recognises by its extension a format that has no signature at the start of the file. The file must not begin with a
+/// card (`*KEYWORD`).
 fn by_extension(extension: &str, text: &str) -> Option<Known> {
     // The first line of an AVS-UCD file below its comments has five counts.
     let is_ucd = || {

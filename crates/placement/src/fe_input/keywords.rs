@@ -17,7 +17,7 @@ enum Stage {
     Sections,
     Boundary,
     Step,
-    /// Cards for other programs, which are allowed everywhere.
+    /// Read at any place: cards for other programs, which have no effect here.
     Anywhere,
 }
 

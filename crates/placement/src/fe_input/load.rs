@@ -72,8 +72,8 @@ fn loads(
     Ok(())
 }
 
-/// Returns the side in the second value of the line; `None` if this value is only the letter. The first value then
-/// names a surface.
+/// Returns the side in the second value of the line, for example 2 of `F2`. Returns `None` if this value is only the
+/// letter, because the first value then names a surface.
 fn side_or_surface(line: &Line, letter: &str) -> Result<Option<usize>, Fault> {
     if line.text(1).eq_ignore_ascii_case(letter) { Ok(None) } else { side(line, letter).map(Some) }
 }
@@ -126,7 +126,7 @@ pub(super) fn nodal(reader: &mut Reader, card: &Card) -> Result<(), Fault> {
         line.exactly(&["node or set", "direction 11", "heat"])?;
         if line.text(1) != "11" {
             return Err(line.fault(format!(
-                "`{}`: write direction 11, in which heat enters at a node",
+                "`{}` is not a direction in which heat enters at a node: write 11",
                 quoted(line.text(1))
             )));
         }

@@ -7,13 +7,13 @@ use super::card::{Card, Line, Location};
 use super::reader::Reader;
 use crate::body::{Case, Material, Materials};
 
-/// A material, as far as it has been read.
+/// Material with the properties that were read so far.
 pub(super) struct Draft {
     name: String,
     at: Location,
     /// Values by the names of the properties, for example [`YOUNG`].
     properties: BTreeMap<&'static str, f64>,
-    /// Whether one of its cards is wrong. Missing properties are then not reported in addition.
+    /// Whether a card of the material is wrong. Missing properties are then not reported too.
     is_spoiled: bool,
 }
 

@@ -28,8 +28,8 @@ pub(super) fn nodes(reader: &mut Reader, card: &Card) -> Result<(), Fault> {
     Ok(())
 }
 
-/// Element types by kind of solid, with the number of nodes. Types without a kind are lines and surfaces of the
-/// geometry, which only name a location. Types for heat transfer (`DC3D10`), for coupled steps (`C3D10T`), and of other
+/// Element types by kind of solid, with the number of nodes. Types with `None` are lines and surfaces of the geometry,
+/// which only name a location. Types for heat transfer (`DC3D10`), for coupled steps (`C3D10T`), and of other
 /// formulations (`C3D10MH`, which meshio writes) have the shape of the others.
 const TYPES: [(&str, Option<Kind>, usize); 6] = [
     ("C3D4 DC3D4 C3D4T C3D4H", Some(Kind::Tet4), 4),
@@ -65,8 +65,8 @@ pub(super) fn elements(reader: &mut Reader, card: &Card) -> Result<(), Fault> {
     Ok(())
 }
 
-/// Returns the numbers in each element of a card: its own number, then those of its nodes. An element may continue over
-/// several lines.
+/// Returns the numbers of each element of a card: the number of the element, and then those of its nodes. The data of
+/// an element may continue over several lines.
 fn listed(card: &Card, name: &str, nodes: usize) -> Result<Vec<(Vec<u32>, Location)>, Fault> {
     let mut listed: Vec<(Vec<u32>, Location)> = Vec::new();
     for line in &card.lines {
@@ -79,13 +79,16 @@ fn listed(card: &Card, name: &str, nodes: usize) -> Result<Vec<(Vec<u32>, Locati
             None => listed.push((numbers, line.at.clone())),
         }
         if let Some((all, at)) = listed.last().filter(|(all, _)| all.len() > nodes + 1) {
-            return Err(at.fault(format!("{} nodes, but a {name} has {nodes}", all.len() - 1)));
+            return Err(
+                at.fault(format!("the element has {} nodes, but a {name} has {nodes}", all.len() - 1))
+            );
         }
     }
     match listed.last().filter(|(all, _)| all.len() <= nodes) {
-        Some((all, at)) => {
-            Err(at.fault(format!("{} nodes, but a {name} has {nodes}", all.len().saturating_sub(1))))
-        }
+        Some((all, at)) => Err(at.fault(format!(
+            "the element has {} nodes, but a {name} has {nodes}",
+            all.len().saturating_sub(1)
+        ))),
         None => Ok(listed),
     }
 }
@@ -196,7 +199,7 @@ pub(super) fn set(reader: &mut Reader, card: &Card) -> Result<(), Fault> {
     Ok(())
 }
 
-/// Returns first number, last number and step of a range.
+/// Returns the first number, the last number and the step of a range of node or element numbers.
 fn range(line: &Line) -> Result<(u32, u32, u32), Fault> {
     let by = if line.len() == 2 { 1 } else { line.id(line.text(2), "step")? };
     if line.len() > 3 {
@@ -204,7 +207,9 @@ fn range(line: &Line) -> Result<(u32, u32, u32), Fault> {
     }
     let (first, last) = (line.id(line.text(0), "first number")?, line.id(line.text(1), "last number")?);
     if last < first {
-        return Err(line.fault(format!("there is no number from {first} to {last}")));
+        return Err(
+            line.fault(format!("the range {first} to {last} is empty: write the smaller number first"))
+        );
     }
     Ok((first, last, by))
 }

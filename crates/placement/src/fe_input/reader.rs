@@ -13,8 +13,8 @@ use crate::mesh::{Face, Mesh, NodeId};
 #[derive(Default)]
 pub(super) struct Reader {
     pub(super) faults: Faults,
-    /// Whether the mesh has an error that has been reported. References to missing nodes or elements are then not
-    /// reported in addition.
+    /// Whether an error of the mesh was reported. References to missing nodes or elements then cause no further
+    /// messages.
     pub(super) is_spoiled: bool,
     /// Numbers of the nodes in no element, ascending. They are not in the mesh.
     free: Vec<u32>,
@@ -41,7 +41,7 @@ pub(super) struct Reader {
     /// Members of the sets of nodes (`true`) or elements that several cards define. A file may have a card for each
     /// member.
     continued: HashMap<(bool, String), HashSet<usize>>,
-    /// Initial temperature of each node.
+    /// Initial temperature of each node, °C; `None` if the file has not set one.
     pub(super) initial: Vec<Option<f64>>,
     /// Scale of the initial temperatures; `None` before the first of them.
     pub(super) scale: Option<Scale>,
@@ -49,7 +49,7 @@ pub(super) struct Reader {
     pub(super) kept_boundary: Option<Location>,
     /// Fixed directions of nodes, with the location of the line.
     pub(super) supports: BTreeMap<usize, ([bool; 3], Location)>,
-    /// Prescribed temperatures of nodes.
+    /// Prescribed temperatures by node, °C.
     pub(super) held: BTreeMap<usize, f64>,
     /// Time range of the step; `None` before `*HEAT TRANSFER`.
     pub(super) case: Option<Case>,
@@ -74,7 +74,7 @@ impl Reader {
         }
     }
 
-    /// Reports a reference to something that is not defined. After an error in the mesh, nothing is reported.
+    /// Adds an error about a reference to an undefined node, element or set. After an error in the mesh, adds nothing.
     pub(super) fn missed(&mut self, at: &Location, message: String) {
         if !self.is_spoiled {
             self.faults.push(at.fault(message));
@@ -83,7 +83,7 @@ impl Reader {
 
     /// Returns the index of a node, or the indices of the nodes of a set. The name of an element set names the nodes of
     /// its elements, if no node set has this name: Gmsh writes only element sets by default. If the name is unknown,
-    /// adds an error and returns none.
+    /// adds an error and returns an empty list.
     pub(super) fn nodes(&mut self, name: &str, at: &Location) -> Vec<usize> {
         let found = look_up(name, "node", |id| self.mesh.place(NodeId(id)), &self.mesh.node_sets);
         let found = found.or_else(|why| match name.parse() {
@@ -105,7 +105,7 @@ impl Reader {
     }
 
     /// Returns the index of an element, or the indices of the elements of a set. If the name is unknown, adds an error
-    /// and returns none.
+    /// and returns an empty list.
     pub(super) fn elements(&mut self, name: &str, at: &Location) -> Vec<usize> {
         let number = |id: u32| self.numbers.get(&id).copied();
         let found = look_up(name, "element", number, &self.mesh.element_sets);
@@ -137,8 +137,8 @@ impl Reader {
         faces
     }
 
-    /// Adds an error if a load is defined a second time, once for each line. `key` identifies the load, and `what`
-    /// describes it in the message.
+    /// Adds an error if a load is defined a second time, at most one error per line. `key` identifies the load, and
+    /// `what` describes it in the message.
     pub(super) fn once(&mut self, line: &Line, key: (u8, usize, usize), what: impl Fn() -> String) {
         let Some(first) = self.once.insert(key, line.at.line) else { return };
         let end = format!(" already (line {first}); remove one of them");
@@ -163,7 +163,8 @@ impl Reader {
         if of_nodes { &mut self.mesh.node_sets } else { &mut self.mesh.element_sets }
     }
 
-    /// Returns the index of a node, or of an element or outline; `None` if none has this number.
+    /// Returns the index of the node (`of_nodes`), or of the element or outline, with this number; `None` if there is
+    /// none.
     pub(super) fn member(&self, of_nodes: bool, id: u32) -> Option<usize> {
         if of_nodes {
             return self.mesh.place(NodeId(id));
@@ -172,8 +173,8 @@ impl Reader {
         self.numbers.get(&id).copied().or_else(outline)
     }
 
-    /// Returns numbers and indices of the existing members between two numbers with this step, ascending. The cost does
-    /// not depend on how many numbers are between them.
+    /// Returns the numbers and indices of the existing nodes or elements in a range with this step, ascending. The
+    /// duration does not depend on the size of the range.
     pub(super) fn members_between(
         &self,
         of_nodes: bool,
@@ -191,7 +192,7 @@ impl Reader {
         ids.into_iter().filter_map(|id| Some((id, self.member(of_nodes, id)?))).collect()
     }
 
-    /// Adds members to a set. Each member occurs once, in the order of the file.
+    /// Adds nodes or elements to a set. Each one occurs once in the set, in the order of the file.
     pub(super) fn add_to_set(&mut self, of_nodes: bool, name: String, mut members: Vec<usize>) {
         let sets = if of_nodes { &mut self.mesh.node_sets } else { &mut self.mesh.element_sets };
         if let Some(set) = sets.get_mut(&name) {
@@ -335,7 +336,8 @@ impl Reader {
     }
 }
 
-/// Returns the item with this number, or the items of the set with this name. Returns a message if there is none.
+/// Returns the node or element with this number, or the members of the set with this name. Returns a message if neither
+/// exists.
 fn look_up<T: Clone>(
     name: &str,
     what: &str,
@@ -357,7 +359,7 @@ fn look_up<T: Clone>(
     }
 }
 
-/// Returns the corners of a flat triangle, ascending; `None` for a line.
+/// Returns the three corner nodes of a flat triangle, ascending; `None` for a line element.
 fn key(nodes: &[usize]) -> Option<[usize; 3]> {
     // The middle of a line with three nodes is no corner of a face, so that no face is found.
     let mut key = [*nodes.first()?, *nodes.get(1)?, *nodes.get(2)?];

@@ -16,7 +16,7 @@ const PLAUSIBLE: std::ops::RangeInclusive<f64> = -40.0..=200.0;
 const ZERO_CELSIUS: f64 = 273.15;
 
 impl Scale {
-    /// Returns the only scale in which this temperature is plausible; `None` if it is in neither.
+    /// Returns the only scale in which this temperature is plausible; `None` if it is plausible in neither scale.
     fn of(temperature: f64) -> Option<Self> {
         [Self::Celsius, Self::Kelvin]
             .into_iter()

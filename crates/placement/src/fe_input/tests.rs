@@ -178,8 +178,8 @@ fn what_is_wrong_is_said_with_line_card_and_remedy() {
         ("*INITIAL CONDITIONS, TYPE=TEMPERATURE\nALL, 20\n", "", "node 1 has no initial temperature"),
         ("*NODE PRINT, NSET=ALL", "*NODE PRINT, NSET=NOPE", "*NODE PRINT: node set NOPE is not defined"),
         ("1, 1, 2, 3, 4\n", "1, 1, 2, 3, 9\n", "*ELEMENT: element 1 names node 9, which is not defined"),
-        ("1, 1, 2, 3, 4\n", "1, 1, 2, 3\n", "*ELEMENT: 3 nodes, but a C3D4 has 4"),
-        ("1, 1, 2, 3, 4\n", "1, 1, 2, 3, 4, 2\n", "*ELEMENT: 5 nodes, but a C3D4 has 4"),
+        ("1, 1, 2, 3, 4\n", "1, 1, 2, 3\n", "*ELEMENT: the element has 3 nodes, but a C3D4 has 4"),
+        ("1, 1, 2, 3, 4\n", "1, 1, 2, 3, 4, 2\n", "*ELEMENT: the element has 5 nodes, but a C3D4 has 4"),
         ("1, 1, 2, 3, 4\n", "1, 1, 3, 2, 4\n", "element 1 is numbered inside out or folded"),
         ("TYPE=C3D4", "TYPE=C3D8", "*ELEMENT: C3D8 is not read: mesh the structure with tetrahedra"),
         ("ALL, 20\n", "ALL, 20\n7, 20\n", "*INITIAL CONDITIONS: node 7 is not defined"),
@@ -224,7 +224,11 @@ fn what_is_wrong_is_said_with_line_card_and_remedy() {
             "side F1 of element 1 has a film already (line 29); remove one of them",
         ),
         ("BODY, S2", "TOP, S, 1\nBODY, S2", "*DFLUX: surface set TOP is not defined (there is none)"),
-        ("4, 11, 100", "4, 1, 100", "*CFLUX: `1`: write direction 11, in which heat enters"),
+        (
+            "4, 11, 100",
+            "4, 1, 100",
+            "*CFLUX: `1` is not a direction in which heat enters at a node: write 11",
+        ),
         ("2, 11, 11, 21.5", "2, 1, 2", "*BOUNDARY: node 2 is fixed in some directions only"),
         (
             steady,

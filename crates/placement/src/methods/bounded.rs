@@ -47,7 +47,7 @@ pub(crate) fn least_squares(square: &DMatrix<f64>, cross: &DVector<f64>, bounds:
 }
 
 /// Solves for the free variables. If variables would leave their bounds, the first one is fixed at its bound, and the
-/// others are solved again. Returns `false` if no variable changes.
+/// rest is solved again. Returns `false` if no variable changes.
 fn settle(
     square: &DMatrix<f64>,
     cross: &DVector<f64>,

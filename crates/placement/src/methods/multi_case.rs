@@ -40,8 +40,7 @@ impl Effort {
     pub const SHORT: Effort = Effort { starts: 2, changes: 150_000 };
 }
 
-/// Share of the sensor noise that remains in the mean of a minute. The unavoidable error contains the effect of this
-/// share.
+/// Fraction of the sensor noise that remains in an average over one minute. The unavoidable error includes its effect.
 const LEFT_OF_NOISE: f64 = 0.3;
 
 /// Errors that are negligible, and end the calculation of a method.
@@ -74,7 +73,7 @@ pub fn noise_um(problem: &Problem, noise: f64) -> f64 {
     noise * (problem.matrix.norm_squared() / problem.rows().max(1.0)).sqrt()
 }
 
-/// One load case, with the placements and the reference error for this case alone.
+/// Load case with its weight, and the placements that were calculated for this case alone.
 struct Alone<'a> {
     target: &'a Target,
     /// Placements by the patent's method, and by bounded least squares.
@@ -101,7 +100,8 @@ struct Search<'a> {
     cases: &'a [Alone<'a>],
     /// Weights of all cases.
     weights: Vec<f64>,
-    /// For each block, the rises of its candidates: all cases of one candidate, then of the next.
+    /// For each block, the temperature rises of its candidate nodes, K: all load cases of the first candidate, then of
+    /// the next.
     offered: Vec<Vec<f64>>,
 }
 
@@ -115,12 +115,14 @@ struct SearchState {
     cost: f64,
 }
 
-/// First and last threshold: relative increase of the cost up to which a change is accepted.
+/// First and last threshold of the search. A threshold is the relative increase of the cost up to which a change is
+/// accepted.
 const THRESHOLD: (f64, f64) = (2.0, 1e-4);
 /// Number of tried changes after which the threshold is lowered.
 const STRETCH: u32 = 256;
 
-/// Returns the cost of a squared error: the third power of its ratio, which is the sixth power of the ratio of errors.
+/// Returns the cost of the error of one load case: the sixth power of the ratio of the error to the reference error.
+/// `error` is the squared error.
 fn weighed(error: f64, weight: f64) -> f64 {
     let ratio = error.max(0.0) * weight;
     ratio * ratio * ratio
@@ -175,7 +177,7 @@ impl<'a> Search<'a> {
         SearchState { places, error, slope, cost }
     }
 
-    /// Returns the total cost with the sensor of this block at the candidate `place`.
+    /// Returns the total cost if the sensor of this block moves to the candidate with the index `place`.
     fn cost_of(&self, at: &SearchState, block: usize, place: usize) -> f64 {
         let own = self.problem.square[(block, block)];
         let (now, then) = (self.rises(block, at.places[block]), self.rises(block, place));

@@ -37,7 +37,7 @@ pub struct Iterated {
 
 /// Maximum number of rounds.
 pub const MOST_ROUNDS: usize = 120;
-/// Minimum relative decrease of the residual in a round.
+/// Minimum relative decrease of the residual error in a round. With a smaller decrease, the iteration ends.
 const LEAST: f64 = 1e-4;
 
 /// Iterates on one case, until the residual is at most `enough` µm RMS, no pattern reduces it, or [`MOST_ROUNDS`] is

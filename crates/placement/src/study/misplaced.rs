@@ -1,4 +1,4 @@
-//! Effect of misplaced sensors.
+//! Effect of sensors that are not exactly at their calculated places.
 
 use nalgebra::{Matrix3, Vector3};
 
@@ -6,8 +6,8 @@ use super::Study;
 use crate::mesh::count;
 use crate::problem::Problem;
 
-/// Returns the additional error of a case if sensors are `far` mm from their places, each in any direction along the
-/// surface. The result is in µm RMS over the guideway and the directions.
+/// Returns the additional error of a load case if the sensors are `far` mm from their places, each in any direction
+/// along the surface. The result is in µm RMS over the guideway and the directions.
 pub(super) fn added(study: &Study, problem: &Problem, places: &[usize], case: usize, far: f64) -> f64 {
     let rise = &study.loads[case].rise;
     let squares = problem.blocks.iter().zip(places).enumerate().map(|(block, (own, place))| {

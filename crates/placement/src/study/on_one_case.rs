@@ -1,17 +1,18 @@
-//! Results for one case that take the most time, and do not depend on other results.
+//! Results for one load case that take most of the time, and are independent of the other results.
 
 use crate::methods::bounded::bounded;
 use crate::methods::multi_case::{Effort, Tolerance, multi_case};
 use crate::methods::patent::{Iterated, patent};
 use crate::problem::Problem;
 
-/// Results for one case alone, and the residual with sensors for all other cases.
+/// Results for one load case alone, and the residual error with sensors that were placed for all other cases.
 pub(super) struct OnOneCase {
-    /// Block temperatures with the smallest residual (rises, K).
+    /// Block temperatures with the smallest residual error (rises, K).
     pub(super) floor: Vec<f64>,
     /// Block temperatures of the patent's iteration.
     pub(super) iterated: Iterated,
-    /// Residual with sensors for the other cases, µm RMS; `None` if there are no other cases.
+    /// Residual error of this case with sensors that were placed for the other cases, µm RMS; `None` if there are no
+    /// other cases.
     pub(super) left_out_rms_um: Option<f64>,
 }
 

@@ -1,4 +1,5 @@
-//! Other divisions than the requested one: the best further cut, and fewer or more sensors.
+//! Evaluation of other divisions into blocks than the requested one: the best additional cut, and fewer or more
+//! sensors.
 
 use rayon::prelude::*;
 
@@ -22,8 +23,8 @@ pub(super) struct Divisions {
 }
 
 impl Divisions {
-    /// Returns the best further cut, and the error by number of sensors. `rms_um` is the error of the placed sensors,
-    /// one in each of the `own` blocks.
+    /// Returns the best additional cut, and the error by number of sensors. `own` is the number of requested blocks.
+    /// `rms_um` is the error with one sensor in each of them.
     pub(super) fn with_own(self, own: usize, rms_um: f64) -> (Option<(String, f64)>, Vec<SensorCount>) {
         let placed =
             self.own_floor_um.map(|floor_um| SensorCount { sensors: own, floor_um, rms_um, cut: None });
@@ -31,7 +32,7 @@ impl Divisions {
     }
 }
 
-/// Returns the maximum number of other divisions that are evaluated.
+/// Returns the maximum number of other divisions that are evaluated, for the progress report.
 pub(super) fn other_divisions_at_most(study: &Study) -> usize {
     if study.adjoint.is_some() { study.parts.len().saturating_sub(1) + MORE } else { 0 }
 }

@@ -1,6 +1,6 @@
-//! State of the primary host, for which a publisher may have to wait.
+//! State of the primary host: the Sparkplug host for which a publisher may have to wait.
 
-/// State of the primary host.
+/// State of the primary host (the Sparkplug host that must be online before the gateway publishes).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum PrimaryHost {
     /// No host is needed.

@@ -33,8 +33,8 @@ pub struct Subscription {
     pub qos: Qos,
 }
 
-/// Data that are stored on disk until the broker is available again. Only the message format that made them can read
-/// them.
+/// Encoded data that is stored on disk until the broker is available again. Only the message format that created a
+/// record can read it.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Record(pub Vec<u8>);
 
@@ -50,7 +50,7 @@ pub struct Reaction {
 /// Result of a command that arrived from the MQTT broker.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Outcome {
-    /// Allowed command. The gateway decides whether it is executed.
+    /// Permitted command. The gateway decides whether it executes the command.
     Asked(Command),
     /// Command that is not allowed or cannot be understood.
     Refused {

@@ -24,7 +24,7 @@ pub struct Metric {
     pub name: &'static str,
     /// Current value; `None` if it is not known.
     pub value: Option<Value>,
-    /// Example value that states the type of the metric, also while `value` is `None`. It never changes.
+    /// Example value that gives the type of the metric even if `value` is `None`. It never changes.
     pub kind: Value,
     /// Unit; empty if the metric has none.
     pub unit: &'static str,

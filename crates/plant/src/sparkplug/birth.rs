@@ -20,11 +20,11 @@ pub(super) const EVENT: &str = "gateway/event";
 /// Last part of the name of the metric by which hosts send a measured error. The axis is in the middle: `axis/z/…`.
 const MEASURED: &str = "measured_error_um";
 
-/// Codes of the property `Quality`: the value is unknown, or valid again.
+/// Codes of the property `Quality`: `BAD` if the value is unknown, and another code when it is valid again.
 pub(super) const BAD: i64 = 0;
 pub(super) const GOOD: i64 = 192;
 
-/// Metrics of a birth message, with the aliases that later data use.
+/// Metrics of a birth message, each with its alias, which later data messages use instead of the name.
 #[derive(Debug, Default)]
 pub(super) struct BirthMetrics {
     names: HashMap<String, MetricAlias>,
@@ -39,7 +39,7 @@ struct MetricAlias {
 }
 
 impl BirthMetrics {
-    /// Makes the birth from a snapshot. Returns the names with their aliases, and the metrics of the message. The
+    /// Makes the metrics of a birth message from a snapshot. Returns the names with their aliases, and the metrics. The
     /// caller adds the death number.
     pub(super) fn of(snapshot: &Snapshot, now: Moment, takes_measured: bool) -> (BirthMetrics, Vec<Metric>) {
         let mut born = BirthMetrics::default();
@@ -90,7 +90,7 @@ impl BirthMetrics {
         is_of_this_type.then_some(metric)
     }
 
-    /// Returns the name of a received metric, which contains either the name or an alias. `None` if the alias is
+    /// Returns the name of a received metric. The metric contains the name itself or an alias. `None` if the alias is
     /// unknown.
     pub(super) fn name_of<'a>(&'a self, metric: &'a Metric) -> Option<&'a str> {
         match (&metric.name, metric.alias) {

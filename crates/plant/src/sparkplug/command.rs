@@ -10,7 +10,7 @@ use super::datum::{DataType, Datum};
 use super::payload::{Metric, Payload, PropertyRaw, Raw};
 use crate::interface::{Command, Outcome, Snapshot};
 
-/// Maximum age of a measured error. An older error was measured with another Cz.
+/// Maximum age of a measured error. An older error was measured with another compensation value (Cz).
 const HEEDED_FOR: Duration = Duration::from_secs(60);
 
 /// Maximum length of a metric name in a refusal, in characters. The rest of a longer name is cut.

@@ -3,19 +3,22 @@
 /// Death numbers of the connections: 0 for the first CONNECT packet, and one more for each further one. 0 follows 255.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct DeathNumber {
-    /// Number in the last CONNECT packet that was sent, also by earlier runs; `None` if none was ever sent.
+    /// Death number in the last CONNECT packet that was sent, in this run or an earlier one; `None` if none was ever
+    /// sent.
     sent: Option<u8>,
-    /// Number of the last will and of its births.
+    /// Death number of the last will message and of its birth messages.
     current: u8,
 }
 
 impl DeathNumber {
-    /// Creates the numbers after this one of the last run.
+    /// Creates the state at the start of the gateway. `sent` is the last death number of the previous run; `None` if
+    /// there is none.
     pub(super) fn after(sent: Option<u8>) -> DeathNumber {
         DeathNumber { sent, current: 0 }.next()
     }
 
-    /// Returns the state with the number of the next will. It stays the same until a CONNECT packet with it was sent.
+    /// Returns the state with the number for the next will message. The number changes only after a CONNECT packet with
+    /// it was sent.
     pub(super) fn next(self) -> DeathNumber {
         DeathNumber { current: self.sent.map_or(0, |sent| sent.wrapping_add(1)), ..self }
     }

@@ -17,7 +17,7 @@ use crate::interface::PrimaryHost;
 /// Maximum length of a state message, in bytes.
 const LONGEST: usize = 1000;
 
-/// Watch of the state of one host.
+/// Subscription to the state messages of one host, and the last accepted state.
 #[derive(Debug)]
 pub(super) struct HostWatch {
     topic: String,
@@ -42,7 +42,7 @@ impl HostWatch {
         &self.topic
     }
 
-    /// Forgets the state, because a new connection begins.
+    /// Forgets the last state of the host, because a new connection begins.
     pub(super) fn connects(&mut self) {
         self.last = None;
     }

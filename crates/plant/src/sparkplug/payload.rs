@@ -19,7 +19,7 @@ pub struct Payload {
     pub seq: Option<u64>,
 }
 
-/// Value with its name or its alias.
+/// Metric of a message: a value with its name or its alias.
 #[derive(Clone, PartialEq, Message)]
 pub struct Metric {
     /// Name of the metric. Data messages contain the alias instead.
@@ -34,7 +34,7 @@ pub struct Metric {
     /// Number of the [`DataType`](super::DataType). Data messages do not contain it.
     #[prost(uint32, optional, tag = "4")]
     pub datatype: Option<u32>,
-    /// Whether the value is of the past, and is published late.
+    /// Whether the value is historical: measured in the past and published late.
     #[prost(bool, optional, tag = "5")]
     pub is_historical: Option<bool>,
     /// Whether the metric has no value.

@@ -7,7 +7,7 @@ use super::datum::{DataType, Datum};
 use super::payload::Metric;
 use crate::interface::{PlantEvent, Snapshot, Subject, Value};
 
-/// Maximum time, in ms, by which an event is shifted so that it is later than the event before it. Some hosts store
+/// Maximum shift of an event in ms. An event is shifted so that it is later than the previous event. Some hosts store
 /// only one value for each time, so events need different times.
 const APART_WITHIN_MS: u64 = 1000;
 
@@ -80,7 +80,7 @@ impl PublishedMetrics {
         changed
     }
 
-    /// Converts events to metrics, with times that differ by at least one millisecond.
+    /// Converts events to metrics. Their time stamps differ by at least one millisecond.
     pub(super) fn happened(&mut self, events: &[PlantEvent]) -> Vec<Metric> {
         events.iter().map(|event| self.event(event)).collect()
     }

@@ -7,8 +7,8 @@ use isotherm_core::quantity::Moment;
 
 use crate::interface::Record;
 
-/// Time after which a record is assumed to be delivered. If the broker does not answer for so long, the connection is
-/// lost before.
+/// Time after which a record counts as delivered. If the broker is silent for this time, the connection has already
+/// been closed.
 const KEPT_FOR: Duration = Duration::from_secs(300);
 
 /// Maximum size of all unconfirmed records together, in bytes.

@@ -19,7 +19,7 @@ pub(super) const LONGEST: usize = 1024 * 1024;
 
 const EXTENSION: &str = "records";
 
-/// File of a store, as far as it was read or written.
+/// File of a record store: its first record number, its number of records, and its length.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) struct Segment {
     /// Number of the first record in this file of the store.
@@ -31,7 +31,7 @@ pub(super) struct Segment {
 }
 
 impl Segment {
-    /// Returns the number after that of the last record in the file.
+    /// Returns the record number that follows the last record of the file.
     pub(super) fn end(&self) -> u64 {
         self.first.saturating_add(self.count)
     }
@@ -158,7 +158,7 @@ fn read_frame(reader: &mut impl Read) -> io::Result<Option<(usize, u32)>> {
     Ok((length <= LONGEST).then_some((length, u32::from_le_bytes([e, f, g, h]))))
 }
 
-/// Fills `bytes` from the reader. Returns `false` if the file ends before.
+/// Fills `bytes` from the reader. Returns `false` if the file ends before `bytes` is full.
 fn fill(reader: &mut impl Read, bytes: &mut [u8]) -> io::Result<bool> {
     match reader.read_exact(bytes) {
         Ok(()) => Ok(true),
