@@ -1,4 +1,5 @@
-//! Discovery on a line without a profile: which units answer, and which values their registers contain. It only reads.
+//! Discovery on a bus line without a profile: which units answer, and which values their registers contain. It only
+//! reads.
 //!
 //! - [`bus`] — address of a line as one word, for example `tcp://192.168.0.10:502`.
 //! - [`unit_reader`] — reads with one request at a time, through the same [`crate::fieldbus::line`] that the gateway

@@ -1,4 +1,4 @@
-//! Address of a line as one word, as users type it: `tcp://192.168.0.10:502`,
+//! Address of a bus line as one word, as users type it: `tcp://192.168.0.10:502`,
 //! `rtu:///dev/ttyUSB0?baud=9600&parity=none`, `rtu+tcp://192.168.0.11:4001`, `opc.tcp://192.168.0.12:4840`. `/sys`
 //! stands for this computer's own sensors.
 //!
@@ -17,7 +17,7 @@ pub use crate::fieldbus::kinds::baud;
 pub use crate::fieldbus::kinds::kind::{ScanKind, ScanReport, VirtualLine};
 pub use isotherm_profile::{Parity, Serial};
 
-/// Transport and address of a line.
+/// Transport and address of a bus line.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct LineAddress {
     /// Transport of the line.
@@ -28,17 +28,18 @@ pub struct LineAddress {
 }
 
 impl LineAddress {
-    /// Returns the transport and address of a bus in a profile.
+    /// Returns the transport and address of a bus in the profile.
     pub fn of(bus: &Bus) -> LineAddress {
         LineAddress { transport: bus.transport, address: bus.address.clone() }
     }
 
-    /// Returns the type of bus of the line.
+    /// Returns the description of the type of bus, for example Modbus TCP or CAN.
     pub fn kind(&self) -> &'static BusKind {
         kinds::of(self.transport)
     }
 
-    /// Returns the settings of the serial port of a line with units; `None` if it has no such port.
+    /// Returns the settings of the serial port of a Modbus line; `None` if the line uses no serial port of this
+    /// computer.
     pub const fn serial(&self) -> Option<Serial> {
         match self.transport {
             Transport::Serial(serial) | Transport::ModbusAscii { serial, .. } => Some(serial),
@@ -46,7 +47,8 @@ impl LineAddress {
         }
     }
 
-    /// Returns this line with changed settings of its serial port, if it has one.
+    /// Returns a copy of this address with changed settings of the serial port. An address without a serial port is not
+    /// changed.
     pub fn with_serial(&self, change: impl FnOnce(Serial) -> Serial) -> LineAddress {
         let transport = match self.transport {
             Transport::Serial(serial) => Transport::Serial(change(serial)),
@@ -58,7 +60,7 @@ impl LineAddress {
         LineAddress { transport, address: self.address.clone() }
     }
 
-    /// Returns a bus with this transport and address, the timeout, and otherwise default settings.
+    /// Returns a bus for a profile with this transport, address and timeout. All other settings have their defaults.
     pub fn bus(&self, timeout: Duration) -> Bus {
         Bus {
             name: "line".to_owned(),
@@ -124,7 +126,7 @@ fn with_type(text: &str) -> Option<String> {
     Some(format!("{}://{text}", if is_opcua { "opc.tcp" } else { "tcp" }))
 }
 
-/// Lists an example of each form of address.
+/// Returns a list with an example of each form of bus address, for messages.
 fn forms() -> String {
     let examples: Vec<&str> = KINDS.iter().filter_map(|kind| kind.example).collect();
     match examples.as_slice() {

@@ -7,16 +7,16 @@ use crate::fieldbus::kinds::can::Interface;
 use isotherm_core::codec::{Address, Frame};
 use isotherm_profile::{Bus, Profile, Signal};
 
-/// State of one CAN interface.
+/// State of the CAN interface of one bus in the profile.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Inspected {
     /// Name of the bus in the profile.
     pub bus: String,
     /// Name of the interface.
     pub interface: String,
-    /// Whether the interface exists and is up.
+    /// Whether the CAN interface exists and is up.
     pub is_up: bool,
-    /// State of the CAN interface, for display.
+    /// State of the CAN interface as text for the user.
     pub state: String,
     /// Advice to the user, each with a command; empty if nothing is wrong.
     pub advice: Vec<String>,

@@ -11,7 +11,7 @@ use crate::fieldbus::seen::{Asked, Others, Seen};
 use isotherm_profile::plan::{ReadRequest, plan};
 use isotherm_profile::{Device, DeviceId, Profile, Quirks};
 
-/// Lengths of a read that are tried if a longer read fails, in registers.
+/// Lengths, in registers, that the test tries one after another if a longer read fails.
 const LENGTHS: [u16; 7] = [64, 32, 16, 8, 4, 2, 1];
 
 /// Device that does not serve a planned read, but serves its values with other quirks.
@@ -23,7 +23,7 @@ pub struct MergedReadTest {
     pub read: String,
     /// Fault of this read, with the advice.
     pub fault: String,
-    /// Quirks with which the device serves all its values, as in a profile.
+    /// Quirks, as written in a profile, with which the device serves all its values.
     pub quirks: String,
 }
 
@@ -80,7 +80,8 @@ pub async fn tried(profile: &Profile, devices: &[DeviceId]) -> Vec<MergedReadTes
     found
 }
 
-/// Sends these reads one after another. Returns the place and the fault of the first one that fails.
+/// Sends these reads one after another. Returns the index and the fault of the first read that fails; `None` if none
+/// fails.
 async fn first_failure(
     reader: &mut UnitReader,
     device: &Device,
@@ -99,8 +100,8 @@ fn is_single(read: &ReadRequest) -> bool {
     read.fields.len() < 2
 }
 
-/// Removes the gap from the extent of a read if `max_gap` does not help. Otherwise the advice would name a key that was
-/// tried without success.
+/// Removes the gap (unused registers between the values) from the description of a failed read, if `max_gap` does not
+/// help. Otherwise the advice would name a key that was tried without success.
 fn without_wrong_gap(asked: Asked, helps: &str) -> Asked {
     match asked {
         Asked::Read { values, .. } if !helps.contains("max_gap") => Asked::Read { values, gap: 0 },
@@ -108,7 +109,8 @@ fn without_wrong_gap(asked: Asked, helps: &str) -> Asked {
     }
 }
 
-/// Returns whether other reads of the same values may succeed after this fault.
+/// Returns whether other reads of the same values may succeed after this fault, so that a test of other quirks is
+/// useful.
 fn may_depend_on_quirks(fault: Fault) -> bool {
     let is_refused = fault.exception_code().is_some() && !fault.is_of_a_gateway();
     is_refused || matches!(fault, Fault::Timeout | Fault::Peer(PeerFault::Length))

@@ -18,10 +18,11 @@ use isotherm_profile::{Bus, BusId, Device, Profile, Quirks, duration_text};
 const PAUSES: [Duration; 2] = [Duration::from_millis(500), LONGEST_PAUSE];
 /// Longest pause after connecting that is tried.
 pub const LONGEST_PAUSE: Duration = Duration::from_secs(2);
-/// Largest number of devices of a bus that are asked before a test. If none of them answers, the first one is tested.
+/// Maximum number of devices of a bus that get a read before the test. If none of them answers, the first device is
+/// tested.
 const DEVICES: usize = 4;
 
-/// Behaviour of a device on a new connection.
+/// Peculiar behaviour of a device on a new connection.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum NewConnection {
     /// Device that answers only after this pause.
@@ -30,7 +31,7 @@ pub enum NewConnection {
     LosesFirst,
 }
 
-/// Device of a profile with such a behaviour, or on a line that returns each request.
+/// Device of a profile that ignores or loses requests on a new connection, or whose line returns each request.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct NewConnectionAdvice {
     /// Name of the bus in the profile.
@@ -44,14 +45,14 @@ pub struct NewConnectionAdvice {
 /// Result of a read on a new connection.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum ReadResult {
-    /// The unit answers, with data or with a refusal.
+    /// The unit answers, with data or with an exception.
     Answered,
     Silent,
-    /// The request itself came back, and the unit is silent.
+    /// The line returned the request itself, and the unit did not answer.
     Echoed,
 }
 
-/// Describes the behaviour, and names the key for it.
+/// Describes the behaviour, and names the profile key that adapts the gateway to it.
 impl fmt::Display for NewConnection {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {

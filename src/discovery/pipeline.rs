@@ -21,7 +21,7 @@ pub struct PipelineTest {
     pub bus: String,
     /// Name of the device in the profile.
     pub device: String,
-    /// Description of the failure; `None` if the device passes the test.
+    /// Description of the failure; `None` if the device supports two requests at a time.
     pub fault: Option<String>,
 }
 

@@ -8,7 +8,7 @@ use crate::fieldbus::error::Fault;
 use crate::fieldbus::wire::Answer;
 use isotherm_core::codec::Register;
 
-/// Number of consecutive timeouts after which the search ends, because the unit no longer answers.
+/// Number of consecutive timeouts after which the search ends, because the unit seems to be off.
 const SILENCES: u32 = 3;
 /// Number of registers or bits that are read in one step.
 pub const STEP: u16 = 16;
@@ -35,8 +35,8 @@ impl RegisterRange {
     }
 }
 
-/// Reads `count` registers from `from`. Calls `take` with each part of this range, in ascending order: a part that
-/// could be read, or one that could not.
+/// Reads `count` registers from `from`. Divides this range into readable and unreadable parts, and calls `take` with
+/// each part, in ascending order.
 ///
 /// # Errors
 /// The fault that ended the search.

@@ -9,10 +9,10 @@ use crate::fieldbus::seen::{Asked, Seen};
 use isotherm_core::codec::{Register, Table};
 use isotherm_profile::duration_text;
 
-/// Request that failed, with the details that the advice depends on.
+/// Failed request, with the details on which the advice depends.
 #[derive(Clone, Copy, Debug)]
 pub struct Question<'a> {
-    /// Line of the request.
+    /// Bus line of the request.
     pub line: &'a LineAddress,
     /// Modbus unit that the request addresses.
     pub unit: u8,

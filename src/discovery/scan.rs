@@ -14,7 +14,7 @@ use crate::fieldbus::wire::Answer;
 use isotherm_core::codec::Register;
 use isotherm_profile::{Bus, Quirks, Transport};
 
-/// Length in bytes of an RTU frame that reads one register. `ANSWER` is the length of its answer.
+/// Length in bytes of an RTU frame that reads one register. `ANSWER` is the length of the answer to it.
 const REQUEST: usize = 8;
 const ANSWER: usize = 7;
 /// Largest number of units that are tested with a pause after connecting, if no unit has answered.
@@ -25,7 +25,7 @@ const UNITS: usize = 8;
 pub struct Scan {
     /// Lines to scan, one after another. A serial line is in the list once for each combination of settings to try.
     pub lines: Vec<LineAddress>,
-    /// Bus whose timeout and quirks apply to the scan.
+    /// Bus settings for the scan: timeout and quirks.
     pub bus: Bus,
     /// Quirks of the devices, which apply to each unit of the lines.
     pub quirks: Quirks,
@@ -38,14 +38,14 @@ pub struct Scan {
     pub trace: Option<Trace>,
 }
 
-/// Unit that has answered, and its answer.
+/// Modbus unit that has answered during a scan, and its answer.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Responder {
     /// Modbus unit number.
     pub unit: u8,
     /// Address of the register that was read.
     pub register: String,
-    /// Kind of the answer: a value, an exception, or an invalid answer.
+    /// Kind of the answer: a register value, an exception, or an invalid answer.
     #[serde(flatten)]
     pub how: AnswerKind,
 }
@@ -158,7 +158,7 @@ impl Scan {
         None
     }
 
-    /// Returns the reader for the units of one line.
+    /// Returns the reader that sends the requests of this scan to the units of one line.
     pub fn asker(&self, line: &LineAddress) -> UnitReader {
         UnitReader::new(line, &self.bus, self.quirks, self.trace)
     }
@@ -173,8 +173,8 @@ pub struct FailedScan {
     pub fault: Fault,
 }
 
-/// Returns whether the fault is evidence of something on the line, but not of a unit with the requested number. Without
-/// transaction numbers, a frame of another unit is a late answer of that unit, or an answer to another master.
+/// Returns whether the fault shows that something on the line sends data, but not the unit with the requested number.
+/// Without transaction numbers, a frame of another unit is a late answer of that unit, or an answer to another master.
 fn is_of_no_unit(fault: Fault, transport: Transport) -> bool {
     match fault {
         Fault::Peer(PeerFault::Unit(_) | PeerFault::Text(_) | PeerFault::Echoed) => true,

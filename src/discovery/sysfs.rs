@@ -9,10 +9,10 @@ use isotherm_core::codec::PcSensor;
 use isotherm_core::reading::Reason;
 use isotherm_profile::{Profile, Transport};
 
-/// Maximum number of sensor names in one advice.
+/// Maximum number of sensor names in the advice on a missing sensor.
 const MOST: usize = 20;
 
-/// Sensor of a profile.
+/// Temperature sensor of this computer that a profile names.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Inspected {
     /// Name of the bus in the profile.

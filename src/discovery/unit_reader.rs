@@ -17,7 +17,7 @@ use isotherm_profile::{Bus, BusId, Device, DeviceId, Functions, Gateway, Quirks,
 const DIALS: u32 = 3;
 const BETWEEN_DIALS: Duration = Duration::from_millis(300);
 
-/// Callback that receives every exchange.
+/// Callback that receives each request with its answer, for a log.
 pub type Trace = fn(&Exchange);
 
 /// Sends read requests to the units of a line.
@@ -69,8 +69,8 @@ impl UnitReader {
         UnitReader { line, trace: trace.and_then(|show| Some((tap.listen(None).ok()?, show))) }
     }
 
-    /// Keeps the connection after a timeout, as the gateway does. Without this call, a reader closes the connection,
-    /// because most of the units that a scan queries do not exist.
+    /// Makes the reader keep the connection after a timeout, as the gateway does. By default, a reader closes the
+    /// connection, because most of the units that a scan queries do not exist.
     pub fn keeping(mut self) -> UnitReader {
         self.line = self.line.map(DeviceLine::kept_after_timeouts);
         self

@@ -14,13 +14,13 @@ pub struct ValueFormat {
     pub word_order: Option<WordOrder>,
     /// Whether the two bytes of every register are swapped.
     pub byte_swap: bool,
-    /// Engineering units per count.
+    /// Scale factor: engineering units per count of the raw value.
     pub scale: f64,
     /// Engineering value of raw zero.
     pub offset: f64,
 }
 
-/// One value with its address and its registers as read.
+/// One decoded value, with its address and the raw content of its registers.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct RegisterValue {
     /// Zero-based address of the first register, with its table.
@@ -44,7 +44,7 @@ pub struct Reading {
 }
 
 impl ValueFormat {
-    /// Returns how many registers or bits one value has.
+    /// Returns the number of registers or bits of one value.
     pub fn registers(&self) -> u16 {
         self.data_type.map_or(1, DataType::registers)
     }

@@ -1,5 +1,5 @@
-//! Back-off between attempts: the pause doubles with each failure, has jitter and a maximum length, and ends with a
-//! success.
+//! Back-off between failed attempts. The pause doubles with each failure up to a maximum length, and has random jitter.
+//! A success ends the back-off.
 
 use std::time::Duration;
 
@@ -8,7 +8,7 @@ use isotherm_core::quantity::Moment;
 /// Longest pause between two attempts.
 const LONGEST: Duration = Duration::from_secs(30);
 
-/// Pause after failed attempts. Until the pause is over, requests fail at once.
+/// Pause after failed attempts. Until the pause is over, requests fail at once without being sent.
 #[derive(Clone, Debug)]
 pub struct Backoff {
     shortest: Duration,
@@ -47,7 +47,7 @@ impl Backoff {
         self.not_before = Some(now.after(doubled.saturating_sub(less)));
     }
 
-    /// Extends the pause: it ends at `moment` at the earliest.
+    /// Extends the pause: the next attempt is not allowed before `moment`.
     pub fn not_before_either(&mut self, moment: Moment) {
         self.not_before = self.not_before.max(Some(moment));
     }

@@ -18,18 +18,18 @@ pub trait Dial: Send {
     /// frames. Some transports have no bytes to log.
     fn dial<'a>(&'a mut self, tap: &'a Tap) -> Boxed<'a, Result<Connection, Fault>>;
 
-    /// Returns the fault to report if the other end closes a connection before its first answer.
+    /// Returns the fault to report if the other end accepts a connection and closes it before its first answer.
     fn turned_away(&self) -> Fault {
         Fault::Link(LinkFault::TurnedAway)
     }
 
-    /// Returns whether the last opened connection continues the one before it. Returns false if the transport detects
-    /// that another device may be at its other end.
+    /// Returns whether the last opened connection reaches the same device as the one before it. Returns false if the
+    /// transport detects that this may be another device.
     fn resumes(&self) -> bool {
         true
     }
 
-    /// Returns the namespaces of the server; `None` if its protocol has none.
+    /// Returns the OPC UA namespaces of the server; `None` if the protocol of the connection has no namespaces.
     fn namespaces(&self) -> Option<NamespaceTable> {
         None
     }
@@ -40,7 +40,7 @@ pub trait Dial: Send {
         Duration::ZERO
     }
 
-    /// Returns the time that opening may take in addition to the timeout of the line.
+    /// Returns the time that opening a connection may take in addition to the timeout of the line.
     fn takes(&self) -> Duration {
         Duration::ZERO
     }

@@ -22,13 +22,13 @@ pub enum Fault {
     /// The device refuses the request with this Modbus exception code.
     #[error("exception {0} ({name})", name = exception(*.0))]
     Exception(u8),
-    /// The device refuses the request with this SDO abort code.
+    /// The CANopen node refuses the request with this SDO abort code.
     #[error("refused: {0}")]
     Aborted(AbortCode),
-    /// The server refuses the request with this OPC UA status.
+    /// The OPC UA server refuses the request with this status.
     #[error("the server answers {0}")]
     Status(Status),
-    /// The server has written some of the nodes of one call, but refuses to write another node with this status.
+    /// The OPC UA server has written some of the nodes of one call, but refuses to write another node with this status.
     #[error("the server has written only some nodes of one call, and answers {status} to node {place}")]
     Part {
         /// Status of the first node that was not written.
@@ -36,7 +36,7 @@ pub enum Fault {
         /// Number of that node within the call, counted from 1.
         place: u16,
     },
-    /// One of several nodes that are read in one request has no valid value.
+    /// One of several OPC UA nodes that are read in one request has no valid value.
     #[error("node {place} of the nodes that are read together: {fault}", fault = Fault::of_a_node(*.reason))]
     Unreadable {
         /// Reason why the value is not valid.
@@ -58,10 +58,10 @@ pub enum CallerFault {
     /// A function code that the profile does not allow for this device.
     #[error("function code not allowed by the profile")]
     Function,
-    /// Another value of the same frame is not known yet.
+    /// The CAN frame contains another value that is not known yet, so the frame cannot be sent.
     #[error("another value in the same frame is not known yet; the frame is sent when that value is known")]
     Incomplete,
-    /// An answer to an earlier request may still arrive, and could not be distinguished from the answer to this
+    /// An answer to an earlier request may still arrive. The gateway could not distinguish it from the answer to this
     /// request.
     #[error(
         "waits: the answer to an earlier request may still arrive, and would look like the answer to this request"
@@ -128,7 +128,7 @@ pub enum LinkFault {
     /// failed.
     #[error("{0}")]
     OpcUa(OpcUaFault),
-    /// The line has no connection, and waits before its next attempt to open one.
+    /// The line has no connection now, and waits for its next attempt to connect.
     #[error("no connection")]
     Down,
     /// The request was not sent. The connection was lost, so another device may answer; the checks of the device must
@@ -198,16 +198,16 @@ pub enum PeerFault {
     /// Reply that violates the protocol.
     #[error("the reply violates the protocol")]
     Malformed,
-    /// Text whose checksum is wrong.
+    /// Line of text with a wrong checksum.
     #[error("wrong checksum")]
     Checksum,
     /// Modbus exception with this code, with more bytes than an exception has.
     #[error("exception {0} ({name}), with surplus bytes", name = exception(*.0))]
     LongException(u8),
-    /// Text of another protocol.
+    /// Text of another protocol instead of a Modbus frame.
     #[error("{0}")]
     Text(TextProtocol),
-    /// The request itself, instead of a reply.
+    /// The gateway received its own request instead of a reply.
     #[error("the request itself comes back instead of a reply")]
     Echoed,
     /// Subscription on which the server sends neither data nor keep-alive messages in time.
@@ -221,7 +221,7 @@ pub enum PeerFault {
     OutOfOrder,
 }
 
-/// Whether a write that failed was executed.
+/// Whether a failed write was nevertheless executed by the device.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Outcome {
     /// The device has not executed the write, and will not execute it.
@@ -236,7 +236,7 @@ impl Fault {
     pub(super) const UNVERIFIED: Fault = Fault::Link(LinkFault::Unverified);
     pub(super) const UNASKED: Fault = Fault::Peer(PeerFault::Unasked);
 
-    /// Returns the class of the fault in one word. Counters and programs use the word.
+    /// Returns the class of the fault in one word, for counters and for programs.
     pub const fn blame(self) -> &'static str {
         match self {
             Fault::Caller(_) => "caller",
@@ -349,8 +349,8 @@ impl Fault {
         }
     }
 
-    /// Returns whether the request was not sent, although the device reported no error. Its deadline has passed, an
-    /// earlier answer is awaited, or the connection on which the request was decided is lost.
+    /// Returns whether the request was not sent, for a reason that is no error of the device. Its deadline has passed,
+    /// an earlier answer may still arrive, or the connection on which the request depends is lost.
     pub const fn has_lapsed(self) -> bool {
         matches!(
             self,
@@ -377,13 +377,13 @@ impl Fault {
         matches!(self, Fault::Link(fault) if !matches!(fault, LinkFault::Broken))
     }
 
-    /// Returns whether the fault shows that neither the power nor the cable of the device is the cause: the other end
-    /// answers, or files of this computer are unusable or too many.
+    /// Returns whether the fault excludes the power and the cable of the device as causes. Either the other end
+    /// answers, or the fault is in files of this computer.
     pub const fn excludes_wiring(self) -> bool {
         matches!(self, Fault::Link(LinkFault::OpcUa(_) | LinkFault::Tls(_) | LinkFault::NoDescriptors))
     }
 
-    /// Returns the reason for which a reading that failed with this fault is not good.
+    /// Returns the reason that a reading gets as its quality if its request failed with this fault.
     pub const fn reason(self) -> Reason {
         match self {
             Fault::Exception(code) | Fault::Peer(PeerFault::LongException(code)) => Reason::Exception(code),
@@ -404,8 +404,8 @@ impl Fault {
 const NO_SUCH_OBJECT: u32 = 0x0602_0000;
 const NO_SUCH_SUBINDEX: u32 = 0x0609_0011;
 
-/// Returns whether the status proves that the server did not execute a write. With any other status, the server may
-/// already have passed the value on.
+/// Returns whether the OPC UA status proves that the server did not execute a write. With any other status, the server
+/// may already have passed the value on to the machine.
 const fn is_not_done(status: Status) -> bool {
     status.is(Status::ACCESS_DENIED)
         || status.is(Status::NO_SUCH_NODE)

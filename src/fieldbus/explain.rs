@@ -22,7 +22,7 @@ const NOT_A_NUMBER: &str = "write another node: `isotherm read --browse` shows w
                             not a number. A text must contain nothing but a number, with a point. For an array, \
                             write `element`";
 
-/// Remedy for a program that may open no more files.
+/// Remedy if a program has reached its limit of open files.
 const MORE_FILES: &str =
     "raise the limit: `ulimit -n 4096` in a shell, `LimitNOFILE=4096` in a unit of systemd";
 
@@ -96,7 +96,7 @@ pub const fn remedy(fault: Fault) -> Option<&'static str> {
     })
 }
 
-/// Returns what to do about a reading that is not good.
+/// Returns the remedy for a reading that is not good, which depends on the reason.
 pub const fn remedy_of_a_reading(reason: Reason) -> &'static str {
     match reason {
         Reason::OpenCircuit => "look for a broken wire or an unplugged connector",
@@ -156,8 +156,7 @@ pub const fn remedy_of_a_reading(reason: Reason) -> &'static str {
     }
 }
 
-/// Returns cause and remedy of a failed request as one text. The advice for Modbus applies to faults that only Modbus
-/// has.
+/// Returns cause and remedy of a failed request as one text. Faults that only Modbus has get the advice for Modbus.
 pub fn explain(seen: impl Into<Seen>) -> String {
     let seen = seen.into();
     let general = || remedy(seen.fault).map(Cow::Borrowed);
@@ -171,7 +170,8 @@ pub fn explain_on(line: Transport, seen: impl Into<Seen>) -> Explained {
     advised_on(line, seen, seen.fault.to_string())
 }
 
-/// Returns `cause` with the remedy of a failed request. The remedy depends on the transport of the line.
+/// Returns this text as `cause`, together with the remedy for a failed request. The remedy depends on the transport of
+/// the line.
 pub fn advised_on(line: Transport, seen: impl Into<Seen>, cause: String) -> Explained {
     let (seen, kind) = (seen.into(), kinds::of(line));
     let general = || (kind.hint)(seen.fault).or_else(|| remedy(seen.fault)).map(Cow::Borrowed);

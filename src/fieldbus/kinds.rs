@@ -2,11 +2,11 @@
 //!
 //! - [`modbus`] — Modbus TCP, also inside TLS; Modbus RTU and ASCII on a serial port or through TCP.
 //! - [`can`] — a CAN interface of this computer, with CANopen.
-//! - [`opcua`] — an OPC UA server; the connection is built by feature.
+//! - [`opcua`] — an OPC UA server. The connection requires the feature `opcua`.
 //! - [`sysfs`] — sensors of this computer, each read on a separate thread.
 //! - [`serial_ascii`] — devices that send lines of text, on a serial port or through TCP.
 //!
-//! A new type is a folder, its line in [`of`] and in [`KINDS`], and its requests in `request.rs`.
+//! A new type of bus needs a folder, an entry in [`of`] and in [`KINDS`], and its requests in `request.rs`.
 
 pub mod can;
 pub mod kind;
@@ -35,7 +35,7 @@ pub const KINDS: [&BusKind; 10] = [
     &serial_ascii::OVER_TCP,
 ];
 
-/// Returns the type of a bus with this transport.
+/// Returns the type of bus that has this transport.
 pub const fn of(transport: Transport) -> &'static BusKind {
     match transport {
         Transport::Tcp => &modbus::TCP,

@@ -35,11 +35,11 @@ struct NodeRequirement<'p> {
 /// Use of a node in the profile.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum NodeRole {
-    /// Value of a signal. It may be an element of an array, or a text that is a number.
+    /// Node of a signal. Its value may be an element of an array, or a text that is a number.
     Signal,
-    /// Value that is compared, in its own type.
+    /// Node whose value the gateway compares with an expected value. The profile states the type of the node.
     Compared,
-    /// Value that is written, in its own type.
+    /// Node to which the gateway writes values of the type that the profile states.
     Written,
 }
 
@@ -166,8 +166,7 @@ fn advice(wanted: &NodeRequirement<'_>, found: &Described) -> Vec<String> {
     advice
 }
 
-/// Describes the contradiction between the type of the node at the server and the type `said` in the profile. Returns
-/// `None` if there is none.
+/// Returns advice if the type of the node at the server contradicts the type in the profile; otherwise `None`.
 fn wrong_type(wanted: &NodeRequirement<'_>, variable: &Value) -> Option<String> {
     let Value { kind, data_type, is_array, value, .. } = variable;
     let (node, is_signal) = (wanted.node, wanted.role == NodeRole::Signal);
@@ -201,7 +200,7 @@ fn wrong_type(wanted: &NodeRequirement<'_>, variable: &Value) -> Option<String> 
     }
 }
 
-/// Returns a type name with its article: `an Int32`, `a UInt32`.
+/// Returns the name of a type with its article: `an Int32`, `a UInt32`.
 fn one(kind: &str) -> String {
     let article = if kind.starts_with(['A', 'E', 'I', 'O']) { "an" } else { "a" };
     format!("{article} {kind}")

@@ -40,7 +40,7 @@ pub const KIND: BusKind = BusKind {
     ..BusKind::PLAIN
 };
 
-/// Returns what to do about a fault of an interface.
+/// Returns what the user can do about a fault of a CAN interface.
 pub(in crate::fieldbus) const fn hint(fault: CanFault) -> &'static str {
     match fault {
         CanFault::NoInterface => "is the adapter plugged in? (`ip -details link` lists the interfaces)",

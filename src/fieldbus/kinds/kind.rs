@@ -1,4 +1,5 @@
-//! Description of a type of bus. Common code asks it, and depends on no type.
+//! Description of a type of bus: its name, addresses, settings and functions. Code for all types of bus uses this
+//! description, and depends on no single type.
 
 use std::time::Duration;
 
@@ -8,50 +9,50 @@ use crate::fieldbus::seen::{Advice, Seen};
 use crate::fieldbus::wire::Boxed;
 use isotherm_profile::{Bus, Transport};
 
-/// Type of bus: how its lines are opened, addressed, scanned and explained.
+/// Type of bus, for example Modbus TCP: how lines of this type are opened, addressed, scanned and explained.
 pub struct BusKind {
     /// Word that names the type in a profile, for example `modbus-tcp`.
     pub word: &'static str,
     /// Key of the address in a profile, for example `address` or `port`.
     pub address_key: &'static str,
-    /// Further lines of a profile that describe a line of the type.
+    /// Returns the profile lines with the further settings of a bus, for example the baud rate.
     pub settings: fn(Transport) -> String,
-    /// Example of an address as users type it; `None` if no verb accepts an address of the type.
+    /// Example of an address as users type it; `None` if no command accepts an address of this type.
     pub example: Option<&'static str>,
     /// Parses an address as users type it; `None` if the text has the form of another type.
     pub parse: fn(&str) -> Option<Parsed>,
     /// Formats an address for messages.
     pub shown: fn(Transport, &str) -> String,
-    /// Returns what opens the connections of a bus. `None` for a CAN interface, because the task that receives its
-    /// frames opens it.
+    /// Returns the object that opens the connections of a bus. Returns `None` for a CAN interface, because the task
+    /// that receives its frames opens it.
     pub dial: fn(&Bus) -> Option<Box<dyn Dial>>,
-    /// Returns what to do about a fault, if the advice for other types does not fit.
+    /// Returns the remedy for a fault; `None` if the general advice for all types of bus fits.
     pub hint: fn(Fault) -> Option<&'static str>,
-    /// Returns the advice on a failed request, if more is known about it than its fault. This advice replaces that of
-    /// `hint`.
+    /// Returns the advice on a failed request if details of the request allow better advice than the fault alone. This
+    /// advice replaces that of `hint`.
     pub advice: fn(Seen) -> Option<Advice>,
-    /// Returns the place of a line, by which two addresses of one line are recognised.
+    /// Returns the identification of the physical line, which shows that two addresses belong to the same line.
     pub place: fn(&Bus) -> LinePlace,
-    /// Whether answers may be missing without a fault of a device: single ones get lost, or the line finds out only by
-    /// missing answers that its connection is lost.
+    /// Whether answers may be missing although no device is faulty. Single answers get lost, or missing answers are the
+    /// only sign of a lost connection.
     pub is_lossy: bool,
-    /// Whether the other end is a server with namespaces (OPC UA), which identify its devices.
+    /// Whether the other end is an OPC UA server, whose namespaces identify its devices.
     pub has_namespaces: bool,
-    /// Whether the other end keeps a state for a connection until it is closed in order.
+    /// Whether the other end keeps a session until the connection is closed in an orderly way.
     pub is_closed_in_order: bool,
-    /// Way in which a scan searches a line of this type, and the results that it can have.
+    /// Way in which the command `scan` searches a line of this type, with the texts for its results.
     pub scan: ScanKind,
-    /// Part of the virtual machine that takes the place of the line's devices.
+    /// How a simulated machine replaces the devices of the line.
     pub virtual_line: VirtualLine,
 }
 
-/// Transport and address of a line; or the mistake in one sentence, with the correct form.
+/// Result of parsing an address: transport and address, or a sentence with the mistake and the correct form.
 pub type Parsed = Result<(Transport, String), String>;
 
-/// Place of a line.
+/// Identification of a physical line, by which two addresses of the same line are recognised.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum LinePlace {
-    /// Host and port. A host may have several names.
+    /// Host and port. Two different host names may mean the same host.
     Host(String),
     /// Name that is the same for each address of the line.
     Name(String),
@@ -69,16 +70,17 @@ pub enum ScanKind {
     },
     /// Line whose devices have no registers, such as a CAN line.
     Other {
-        /// Kind of line: "a CAN line".
+        /// Kind of line for a message, for example "a CAN line".
         is: &'static str,
-        /// Alternative to a verb that reads registers.
+        /// Advice for the user: another command instead of one that reads registers.
         instead: &'static str,
-        /// Scan of the line, if there is one.
+        /// Function that scans the line; `None` if no scan is possible.
         scan: Option<ScanFunction>,
     },
 }
 
-/// Function that scans a line, with the timeout that the user has chosen, if any.
+/// Function that scans a line. The second argument is the timeout that the user has chosen; `None` if the user has
+/// chosen none.
 pub type ScanFunction = for<'a> fn(&'a Bus, Option<Duration>) -> Boxed<'a, Result<ScanReport, Fault>>;
 
 /// Result of a scan.
@@ -90,21 +92,21 @@ pub struct ScanReport {
     pub json: serde_json::Value,
     /// Result for users; empty if the scan found nothing.
     pub text: String,
-    /// Name of a bus for a profile, and the lines after those of its address. Or the reason why the gateway cannot use
-    /// the line.
+    /// Bus for a profile: its name, and the profile lines after its address. The error is the reason why the gateway
+    /// cannot use the line.
     pub profile: Result<(&'static str, String), String>,
 }
 
-/// Part of the virtual machine that takes the place of a line's devices.
+/// How a simulated machine replaces the devices of a line.
 #[derive(Clone, Copy)]
 pub enum VirtualLine {
-    /// The virtual machine serves the line; the words come before its address: "listens on".
+    /// The simulated machine serves the line. The text comes before the address in a message, for example "listens on".
     Served(&'static str),
-    /// The virtual machine does not serve the line; the sentence says why.
+    /// The simulated machine does not serve the line. The function returns a sentence with the reason.
     Absent(fn(&Bus) -> String),
 }
 
-/// Returns what to do about a fault of the connection to a serial server.
+/// Returns the remedy for a fault of the connection to a serial server; `None` if the general advice fits.
 pub(super) fn serial_server_hint(fault: Fault) -> Option<&'static str> {
     match fault {
         Fault::Link(LinkFault::Refused) => Some(
@@ -116,7 +118,7 @@ pub(super) fn serial_server_hint(fault: Fault) -> Option<&'static str> {
 }
 
 impl BusKind {
-    /// Type without peculiarities, for the fields that a type does not set.
+    /// Default values for the fields that a type of bus does not set.
     pub(super) const PLAIN: BusKind = BusKind {
         word: "",
         address_key: "address",

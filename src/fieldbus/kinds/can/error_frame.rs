@@ -5,7 +5,7 @@ use std::fmt;
 use socketcan::errors::{ControllerProblems, ErrorCause, Location};
 use socketcan::{CanError, CanErrorFrame};
 
-/// Error frame: the controller of this computer reports a problem of the bus with it.
+/// Error frame, in which the CAN controller of this computer reports a problem of the bus.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ErrorFrame(CanError);
 

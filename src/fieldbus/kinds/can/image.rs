@@ -1,9 +1,9 @@
-//! Frames that the gateway writes. Several values may share a frame. The gateway always sends the whole frame.
+//! CAN frames that the gateway writes. Several values may share a frame. The gateway always sends the whole frame.
 
 use crate::fieldbus::error::{CallerFault, Fault};
 use isotherm_core::codec::{BitField, CanId, Encoded, Frame, Object};
 
-/// Frames of one interface, with their current content.
+/// CAN frames that the gateway writes on one interface, with their current content.
 #[derive(Clone, Debug, Default)]
 pub struct Images(Vec<Image>);
 
@@ -32,12 +32,12 @@ impl Value {
 }
 
 impl Images {
-    /// Adds a frame. The data of `frame` is used for all bits outside `values`.
+    /// Adds a frame with these values. All bits outside of `values` keep the data of `frame`.
     pub fn add(&mut self, frame: Frame, values: Vec<Value>) {
         self.0.push(Image { frame, values });
     }
 
-    /// Puts a value into its frame. Returns the frame to send.
+    /// Puts a value into its CAN frame. Returns the frame to send.
     ///
     /// # Errors
     /// The frame `id` does not exist, or another value of the frame is not known yet. Sending zero for that other value
@@ -50,8 +50,8 @@ impl Images {
         if is_whole { Ok(image.frame) } else { Err(Fault::Caller(CallerFault::Incomplete)) }
     }
 
-    /// Records the value of an object that was read from a node. The frame gets it only if the same value in the frame
-    /// is not known yet.
+    /// Records the value of an object that was read from a node. The value is put into its CAN frame only if the frame
+    /// does not contain it yet.
     pub fn was_read(&mut self, node: u8, object: Object, registers: &[u16]) {
         for image in &mut self.0 {
             let read = |value: &&Value| !value.is_known && value.read_at == Some((node, object));

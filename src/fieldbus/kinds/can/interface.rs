@@ -20,7 +20,7 @@ pub struct Interface {
     pub restart_ms: Option<u32>,
     /// State of the controller, as text.
     pub state: Option<&'static str>,
-    /// Error counters of the controller: (sending, receiving).
+    /// Error counters of the controller: (transmit errors, receive errors).
     pub errors: Option<(u16, u16)>,
 }
 

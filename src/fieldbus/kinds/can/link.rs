@@ -32,20 +32,20 @@ pub struct Link {
 #[derive(Debug)]
 struct Inner {
     socket: Option<Arc<Socket>>,
-    /// Reason why sending is impossible now; `None` if it is possible.
+    /// Fault because of which no frame can be sent now; `None` if sending is possible.
     fault: Option<Fault>,
     passing: Option<mpsc::Sender<Frame>>,
     clients: BTreeMap<NodeId, Client>,
     images: Images,
-    /// Number of times that a send queue was full, summed over closed sockets. `lost` sums the lost frames of the same
-    /// sockets.
+    /// Number of times that the send queue of a closed socket was full. `lost` is the number of frames that closed
+    /// sockets have lost.
     full: u64,
     lost: u64,
 }
 
 impl Link {
-    /// Returns a link whose socket is not open yet. `wanted` selects the frames to receive; `images` are the frames
-    /// that the gateway writes.
+    /// Returns a link whose socket is not open yet. `wanted` selects the frames to receive. `images` contains the
+    /// frames that the gateway writes.
     pub fn new(interface: &str, wanted: Vec<CanMatch>, images: Images) -> Link {
         let inner = Inner {
             socket: None,
@@ -122,8 +122,8 @@ impl Link {
         !Interface::query(&self.interface).is_ok_and(|found| found.is_up)
     }
 
-    /// Hands an SDO frame to the present requester. The frame is an answer, or the requester's own request after it was
-    /// sent on the bus.
+    /// Passes an SDO frame to the task that waits for it. The frame is an answer, or the task's own request after it
+    /// was sent on the bus.
     pub fn passed(&self, frame: &Frame) {
         if let Some(passing) = &self.inner().passing {
             // If the queue is full, no requester waits for this frame.
@@ -144,7 +144,8 @@ impl Link {
         inner.lost + inner.socket.as_ref().map_or(0, |socket| socket.lost())
     }
 
-    /// Registers a new requester, which replaces the previous one. Returns the queue of SDO frames for it.
+    /// Registers a new requester of SDO transfers, which replaces the previous one. Returns the queue from which it
+    /// receives the SDO frames.
     pub(super) fn ask(&self) -> mpsc::Receiver<Frame> {
         let (sender, receiver) = mpsc::channel(UNREAD);
         self.inner().passing = Some(sender);
@@ -166,7 +167,7 @@ impl Link {
 }
 
 impl Inner {
-    /// Adds the counters of the present socket to the sums, unless `kept` is the same socket.
+    /// Adds the counters of the present socket to the sums of closed sockets, unless `kept` is the same socket.
     fn give_up(&mut self, kept: Option<&Arc<Socket>>) {
         let is_kept = |socket: &&Arc<Socket>| kept.is_some_and(|kept| Arc::ptr_eq(kept, socket));
         if let Some(socket) = self.socket.as_ref().filter(|socket| !is_kept(socket)) {

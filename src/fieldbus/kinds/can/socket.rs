@@ -37,7 +37,7 @@ const BUFFER: libc::c_int = 4 << 20;
 const MOST_FILTERS: usize = 512;
 /// Event to wait for before reading: frames have arrived, or the interface went down.
 const READING: Interest = Interest::READABLE.add(Interest::ERROR);
-/// Error classes to receive: all except lost arbitration, which is normal on a healthy bus.
+/// Classes of error frames to receive: all except lost arbitration, which is normal on a healthy bus.
 const TROUBLES: u32 = libc::CAN_ERR_MASK & !libc::CAN_ERR_LOSTARB;
 
 /// Frame that a socket has received.
@@ -198,8 +198,8 @@ fn set(socket: &CanFdSocket, wanted: &[CanMatch]) -> io::Result<()> {
         .or_else(|_| socket.set_socket_option_int(libc::SOL_SOCKET, libc::SO_RCVBUF, BUFFER))
 }
 
-/// Returns the kernel filter of a match. The filter rejects the same number with the other identifier length. It also
-/// rejects remote frames, because they carry no data.
+/// Returns the kernel filter for the frames of a match. The filter rejects frames with the other identifier length (11
+/// or 29 bits). It also rejects remote frames, because they carry no data.
 fn filter(wanted: &CanMatch) -> CanFilter {
     let length = if wanted.id.is_extended() { libc::CAN_EFF_FLAG } else { 0 };
     CanFilter::new(wanted.id.raw() | length, wanted.mask | libc::CAN_EFF_FLAG | libc::CAN_RTR_FLAG)

@@ -16,7 +16,7 @@ use crate::fieldbus::trace::Tap;
 use crate::fieldbus::wire::{Answer, Boxed, Call, CanRequest, Ending, Request, Wire};
 use isotherm_core::codec::Frame;
 
-/// Opens the line of a CAN interface. Another task receives the frames of the interface.
+/// Opener of the connection of a CAN line. Another task receives the frames of the interface.
 #[derive(Debug)]
 pub struct CanDial {
     link: Arc<Link>,
@@ -24,8 +24,8 @@ pub struct CanDial {
 }
 
 impl CanDial {
-    /// Returns a dial for the interface of `link`. A frame waits for room in a full queue for at most half of
-    /// `timeout`.
+    /// Returns a connection opener for the interface of `link`. If the send queue is full, a frame waits for room for
+    /// at most half of `timeout`.
     pub fn new(link: Arc<Link>, timeout: Duration) -> CanDial {
         CanDial { link, timeout }
     }
@@ -54,7 +54,7 @@ const PAUSE: Duration = Duration::from_millis(1);
 struct CanWire {
     link: Arc<Link>,
     socket: Arc<Socket>,
-    /// Queue of SDO frames, in the order of the bus: answers, and the gateway's own requests.
+    /// Queue of received SDO frames in the order of the bus: answers, and the gateway's own requests.
     passing: mpsc::Receiver<Frame>,
     patience: Duration,
     /// Node from which an answer is expected; `None` while no request is open.
@@ -98,8 +98,8 @@ impl Wire for CanWire {
         })
     }
 
-    /// Returns [`Ending::Kept`]: after a request the contact with the nodes counts as unbroken, because the task that
-    /// receives frames detects lost and restarted nodes itself.
+    /// Returns [`Ending::Kept`]: the contact with the nodes counts as unbroken. Another task receives the frames, and
+    /// detects lost and restarted nodes.
     fn ending(&mut self) -> Ending {
         Ending::Kept
     }
@@ -115,8 +115,8 @@ impl Wire for CanWire {
 }
 
 impl CanWire {
-    /// Discards frames that arrived before the request, and reports each to the SDO client of the node. They answer an
-    /// older request or no request, so more of them may follow.
+    /// Discards SDO frames that arrived before the request, and reports each of them to the SDO client of the node.
+    /// After such a frame, more unexpected answers may follow.
     fn discard_unasked(&mut self, node: NodeId) {
         while let Ok(passed) = self.passing.try_recv() {
             self.show(&passed);
@@ -193,8 +193,8 @@ impl CanWire {
         end
     }
 
-    /// Puts a frame into the send queue, and waits a limited time for room if the queue is full. `send_guard` is
-    /// checked again while the frame waits, because a request can become too old.
+    /// Puts a frame into the send queue, and waits a limited time for room if the queue is full. Checks `send_guard`
+    /// (the send deadline) again after each wait, because the request can become too old.
     async fn send(&self, frame: &Frame, mut send_guard: Option<&mut SendGuard>) -> Result<(), Fault> {
         self.tap.pass(frame.data(), true);
         let mut pauses = self.patience.as_millis() / PAUSE.as_millis();

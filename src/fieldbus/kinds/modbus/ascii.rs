@@ -1,7 +1,7 @@
 //! Port with frames of Modbus ASCII, which the code for RTU uses as a port with frames of RTU.
 //!
-//! Thus late answers, echoes, other masters and unanswered writes have the same rules as on an RTU line. Each write to
-//! the port is one whole frame, followed by a flush.
+//! Late answers, echoes, other masters and unanswered writes are therefore handled as on an RTU line. Each write to the
+//! port is one whole frame, followed by a flush.
 
 use std::io;
 use std::pin::Pin;
@@ -12,7 +12,7 @@ use tokio::io::{AsyncRead, AsyncWrite, ReadBuf};
 use crate::fieldbus::port::Port;
 use isotherm_core::codec::{AsciiFrames, ascii_frame};
 
-/// Number of characters that are read at a time.
+/// Number of characters in one read of the port.
 const PIECE: usize = 512;
 
 /// Port whose frames are those of Modbus ASCII.
@@ -20,14 +20,14 @@ const PIECE: usize = 512;
 pub struct AsciiPort<P> {
     port: P,
     frames: AsciiFrames,
-    /// Received frames as bytes of RTU.
+    /// Received frames, converted to the bytes of RTU frames.
     received: Vec<u8>,
     /// Characters that were not sent yet.
     unsent: Vec<u8>,
 }
 
 impl<P: Port> AsciiPort<P> {
-    /// Returns a port that converts frames from and to this port.
+    /// Returns a port for RTU frames that sends and receives them as Modbus ASCII through `port`.
     pub fn new(port: P) -> AsciiPort<P> {
         AsciiPort { port, frames: AsciiFrames::default(), received: Vec::new(), unsent: Vec::new() }
     }
@@ -42,7 +42,7 @@ impl<P: Port> AsciiPort<P> {
         Poll::Ready(Ok(()))
     }
 
-    /// Takes at most this number of received bytes.
+    /// Removes and returns received bytes, at most `most`.
     fn take(&mut self, most: usize) -> Vec<u8> {
         let count = most.min(self.received.len());
         self.received.drain(..count).collect()
@@ -91,8 +91,9 @@ impl<P: Port> AsyncRead for AsciiPort<P> {
 }
 
 impl<P: Port> AsyncWrite for AsciiPort<P> {
-    /// Accepts one frame of RTU. The flush after it sends the characters. An earlier frame that is still unsent was
-    /// given up, and is never sent. The colon of the new frame ends a part of it that was sent.
+    /// Accepts one RTU frame. The flush after it sends the frame as characters. If an earlier frame was not sent
+    /// completely, its rest is dropped. The device discards the incomplete frame when it receives the colon of the new
+    /// one.
     fn poll_write(self: Pin<&mut Self>, _: &mut Context<'_>, bytes: &[u8]) -> Poll<io::Result<usize>> {
         let this = self.get_mut();
         this.unsent = ascii_frame(bytes);
@@ -105,7 +106,7 @@ impl<P: Port> AsyncWrite for AsciiPort<P> {
         Pin::new(&mut this.port).poll_flush(context)
     }
 
-    /// Ends the stream without a frame that is still unsent.
+    /// Closes the port. A frame that is still unsent is discarded.
     fn poll_shutdown(self: Pin<&mut Self>, context: &mut Context<'_>) -> Poll<io::Result<()>> {
         let this = self.get_mut();
         this.unsent.clear();

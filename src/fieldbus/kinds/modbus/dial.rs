@@ -16,7 +16,7 @@ use crate::fieldbus::wire::Boxed;
 use crate::tls::TlsFault;
 use isotherm_profile::{Bus, Serial, Transport};
 
-/// Opens the connections of one Modbus line.
+/// Opener of the connections of one Modbus line.
 pub(super) struct ModbusDial {
     address: String,
     timeout: Duration,
@@ -26,7 +26,7 @@ pub(super) struct ModbusDial {
 /// Transport of a Modbus line.
 enum LineTransport {
     Tcp,
-    /// `None`: the files in `tls` are unusable, as [`tls::check`] reports.
+    /// Modbus TCP inside TLS. `None`: the files in `tls` are unusable, as [`tls::check`] reports.
     Tls(Option<Client>),
     RtuOverTcp,
     AsciiOverTcp,
@@ -39,8 +39,8 @@ enum LineTransport {
 }
 
 impl ModbusDial {
-    /// Returns a dial for the address of this bus; `None` for another type of bus. A TCP connection ends if the other
-    /// end has not confirmed data within the timeout of the bus.
+    /// Returns a connection opener (dial) for the address of this bus; `None` for another type of bus. A TCP connection
+    /// ends if the other end has not confirmed data within the timeout of the bus.
     pub(super) fn new(bus: &Bus) -> Option<ModbusDial> {
         let over = match (&bus.transport, &bus.tls) {
             (Transport::Tcp, None) => LineTransport::Tcp,
@@ -102,8 +102,8 @@ impl Dial for ModbusDial {
         })
     }
 
-    /// A serial port resumes unless another port has its name. The line reports a port that hangs up or cannot be
-    /// opened.
+    /// Returns false if another serial port now has the path of the port that was open before. A port that hangs up or
+    /// cannot be opened is reported by the line, not by this function.
     fn resumes(&self) -> bool {
         match self.over {
             LineTransport::Serial(_, history) | LineTransport::SerialAscii { history, .. } => {

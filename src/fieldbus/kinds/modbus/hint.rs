@@ -8,7 +8,7 @@ use crate::fieldbus::error::{Fault, PeerFault};
 use crate::fieldbus::seen::{Advice, Asked, Others, Seen};
 use crate::tls::TlsFault;
 
-/// Advice on an answer that did not arrive in time. This is a macro, because the table extends the text.
+/// Advice on a request without an answer in time. This is a macro, because the table of advice extends the text.
 macro_rules! silent {
     () => {
         "is the unit number right (`isotherm scan` finds it), is the device powered? On a serial line also check baud \
@@ -17,10 +17,10 @@ macro_rules! silent {
     };
 }
 
-/// Advice on an answer that did not arrive in time.
+/// Advice on a request without an answer in time.
 pub(in crate::fieldbus) const SILENT: &str = silent!();
 
-/// Observation for which there is specific advice.
+/// Observation about a failed request, for which there is specific advice.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(in crate::fieldbus) enum Sight {
     /// Exception 2 to a read of several values with unused registers between them.
@@ -50,7 +50,7 @@ pub(in crate::fieldbus) enum Sight {
     ModbusAscii,
     /// DCON on the line.
     Dcon,
-    /// Other text on the line.
+    /// Text of an unknown protocol on the line.
     OtherText,
     /// Request that comes back instead of a reply.
     Echoed,
@@ -190,7 +190,7 @@ pub(in crate::fieldbus) fn advice(seen: Seen) -> Option<Advice> {
     Sight::of(seen).map(Sight::advice)
 }
 
-/// Returns what to do about an exception.
+/// Returns what the user can do about a Modbus exception with this code.
 pub(in crate::fieldbus) const fn exception(code: u8) -> &'static str {
     match code {
         1 => "the device does not know this function: is the register in another table (input, holding)?",

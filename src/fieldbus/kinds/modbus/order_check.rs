@@ -28,7 +28,7 @@ use super::request::ModbusRequest;
 use crate::fieldbus::error::{Fault, PeerFault};
 use crate::fieldbus::request::Request;
 
-/// Maximum number of times that the pause doubles, which follows an answer to an earlier request.
+/// Maximum number of doublings of the pause after an answer that belongs to an earlier request.
 const LONGEST_PAUSE: u8 = 5;
 
 /// State of the order check of one unit. The check detects a Modbus gateway that answers each request with the answer
@@ -36,11 +36,13 @@ const LONGEST_PAUSE: u8 = 5;
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(in crate::fieldbus) struct OrderCheck {
     doubt: AnswerUse,
-    /// Last two reads that were answered with data, each with another form of the answer.
+    /// Last two reads that were answered with data. Their answers differ in form (function and length).
     answered: [Option<Request<'static>>; 2],
-    /// Control question that was sent last and not answered with data; `None` after the next request.
+    /// Last control question (read that checks the order of the answers), if it was not answered with data. `None`
+    /// after the next request.
     failed: Option<Request<'static>>,
-    /// Control question that has failed once. A second failure in a row ends its use.
+    /// Control question (read that checks the order of the answers) that has failed once. After a second failure in a
+    /// row it is no longer used.
     unsure: Option<Request<'static>>,
     /// Number of consecutive answers that belonged to an earlier request.
     pub(in crate::fieldbus) lost: u8,
@@ -52,7 +54,7 @@ enum AnswerUse {
     /// The Modbus gateway may keep an answer to a request of an earlier process. No request of this process has ended
     /// yet.
     Unknown,
-    /// The Modbus gateway may keep answers of these forms. The list is not empty.
+    /// The Modbus gateway may keep answers of these forms (function and length). The list is not empty.
     Kept(Vec<ReplySignature>),
     /// The Modbus gateway keeps no answer.
     Closed,
@@ -64,12 +66,13 @@ impl OrderCheck {
         OrderCheck { doubt: AnswerUse::Unknown, answered: [None; 2], failed: None, unsure: None, lost: 0 }
     }
 
-    /// Returns whether the Modbus gateway may keep an answer.
+    /// Returns whether the Modbus gateway may keep a late answer, so that the order of the answers is in doubt.
     pub(in crate::fieldbus) fn is_in_doubt(&self) -> bool {
         self.doubt != AnswerUse::Closed
     }
 
-    /// Records that the Modbus gateway in front of the device may still hold back a late answer of this form.
+    /// Records that the Modbus gateway in front of the device may still hold back a late answer of this form (function
+    /// and length).
     pub(in crate::fieldbus) fn suspect(&mut self, form: ReplySignature) {
         if let AnswerUse::Kept(forms) = &mut self.doubt {
             if !forms.contains(&form) {
@@ -80,10 +83,10 @@ impl OrderCheck {
         }
     }
 
-    /// Returns the control question to send before this read. The answer to the control question has another form than
-    /// the answer to the read, and if possible than every kept answer. Returns `None` if the answer to the read cannot
-    /// be confused with a kept one. Returns `None` also if the unit has answered no read of another form for which
-    /// `is_allowed` is true.
+    /// Returns the control question: another read, to be sent before this one, which checks the order of the answers.
+    /// Its answer differs in form (function and length) from the answer to this read, and if possible from every kept
+    /// answer. Returns `None` if the answer to this read cannot be confused with a kept answer. Returns `None` also if
+    /// the unit has answered no suitable read for which `is_allowed` is true.
     pub(in crate::fieldbus) fn control(
         &self,
         request: Request<'_>,
@@ -157,17 +160,18 @@ impl OrderCheck {
         }
     }
 
-    /// Records the fault of a control question. The next read of another form is then sent without a control question,
-    /// except if the fault shows that the order is lost. If a control question fails twice in a row while other reads
-    /// are answered, it is no longer used. It is used again after the unit has answered the same read as an ordinary
-    /// read.
+    /// Records that a control question (read that checks the order of the answers) failed with this fault. The next
+    /// read of another form is then sent without a control question, except if the fault shows that the order is lost.
+    /// If a control question fails twice in a row while other reads are answered, it is no longer used. It is used
+    /// again after the unit has answered the same read as an ordinary read.
     pub(in crate::fieldbus) fn record_failed_control(&mut self, control: Request<'static>, fault: Fault) {
         if !matches!(fault, Fault::Caller(_) | Fault::Peer(PeerFault::OutOfOrder)) {
             self.failed = Some(control);
         }
     }
 
-    /// Records that a good answer of this form arrived, and removes the doubt that it disproves.
+    /// Records that a valid answer of this form (function and length) arrived. Removes the doubt that this answer
+    /// disproves.
     fn confirm(&mut self, form: ReplySignature) {
         match &mut self.doubt {
             AnswerUse::Closed => {}
@@ -178,7 +182,8 @@ impl OrderCheck {
         }
     }
 
-    /// Records that a read was answered with data. The line can then use this read as a control question.
+    /// Records that a read was answered with data. The line can then send this read as a control question, which checks
+    /// the order of the answers.
     fn record_answer(&mut self, request: Request<'_>) {
         let Request::Modbus(ModbusRequest::Read { from, count }) = request else { return };
         let read = Some(Request::read_registers(from, count));

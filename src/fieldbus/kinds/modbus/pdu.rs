@@ -17,7 +17,7 @@ use super::request::ModbusRequest;
 use crate::fieldbus::error::{Fault, PeerFault};
 use crate::fieldbus::request::Answer;
 
-/// Length in bytes of the longest message of the protocol.
+/// Length in bytes of the longest Modbus message (protocol data unit).
 pub(super) const LONGEST: usize = 253;
 /// Bit of the function code that marks an exception.
 pub(super) const EXCEPTION: u8 = 0x80;
@@ -31,8 +31,8 @@ pub(super) fn question(request: ModbusRequest<'_>, bytes: &mut Vec<u8>) {
     }
 }
 
-/// Returns the first bytes of a write request, which its answer repeats: function, address, and value or count. For a
-/// read: function, address and count.
+/// Returns the first five bytes of a request: function, address, and value or count. The answer to a write repeats
+/// them.
 fn head(request: ModbusRequest<'_>) -> [u8; 5] {
     let (at, second) = match request {
         ModbusRequest::Read { from, count } => (from.offset, count),

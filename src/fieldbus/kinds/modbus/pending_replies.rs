@@ -23,15 +23,17 @@ use crate::clock::Silence;
 use crate::fieldbus::request::Request;
 use isotherm_core::quantity::Moment;
 
-/// Number of consecutive answers in time after which a unit counts as prompt.
+/// Number of consecutive answers in time after which a unit counts as prompt (usually fast).
 const PROOF: u32 = 100;
-/// Safety factor on the longest answer time of a prompt unit.
+/// Factor between the longest answer time of a prompt unit and the time within which its answers are expected.
 const FACTOR: u32 = 3;
-/// Shortest answer time used in calculations, because this computer may be late in receiving an answer.
+/// Minimum answer time for calculations. Shorter measured times are not reliable, because this computer may be late in
+/// receiving an answer.
 const SHORTEST: Duration = Duration::from_millis(5);
-/// Additional time within which the second of two answers arrives.
+/// Additional time in which the second answer arrives, if a unit answers twice.
 const LATER: Duration = Duration::from_millis(50);
-/// Number of missing answers in a row after which even a prompt unit gets no request for the full waiting time.
+/// Number of consecutive requests without an answer after which even a prompt unit gets no request for the full waiting
+/// time.
 const MISSES: u32 = 3;
 
 /// Late answers of the units of a line, by unit number. The list is short enough for a linear search.
@@ -40,20 +42,20 @@ pub(in crate::fieldbus) struct UnitReplies(Vec<(u8, PendingReplies)>);
 /// Answers of one unit that may still arrive late, and its usual answer time.
 #[derive(Debug)]
 pub(in crate::fieldbus) struct PendingReplies {
-    /// Start of the time in which any answer may arrive; `None` if the line has waited long enough.
+    /// Start of the wait during which any late answer of the unit may arrive; `None` if no such wait is necessary.
     anything: Option<Silence>,
     late: Vec<MissingReply>,
     /// Number of answers in time since the last late one. `longest`: longest answer time among the last `PROOF`
     /// answers, and among the `PROOF` before.
     in_time: u32,
     longest: [Duration; 2],
-    /// Number of missing answers in a row.
+    /// Number of consecutive requests without an answer in time.
     misses: u32,
     /// State of the order check, if the unit is behind a Modbus gateway.
     pub(in crate::fieldbus) order: OrderCheck,
 }
 
-/// Answer that was missing at its timeout, and may still arrive late.
+/// Answer that had not arrived at the timeout, and may still arrive late.
 #[derive(Clone, Copy, Debug)]
 struct MissingReply {
     mark: ReplySignature,
@@ -63,12 +65,12 @@ struct MissingReply {
     asked: Moment,
     missed: Moment,
     since: Silence,
-    /// Whether the same request was answered since. If it was, the age of a reading no longer counts from the request
-    /// of this missing answer.
+    /// Whether a repetition of the same request was answered since. The age of a reading then no longer counts from the
+    /// first request.
     is_answered: bool,
 }
 
-/// Waiting times for answers of a line.
+/// Timeout and waiting time for late answers of a line.
 #[derive(Clone, Copy, Debug)]
 pub(in crate::fieldbus) struct Spans {
     /// Longest time until an answer begins.
@@ -103,7 +105,7 @@ impl UnitReplies {
         self.0.iter_mut().map(|(_, pending)| pending)
     }
 
-    /// Returns the forms of all answers that may still arrive late, with their units.
+    /// Returns the forms (function and length) of all answers that may still arrive late, each with its unit number.
     pub(in crate::fieldbus) fn marks(&self) -> impl Iterator<Item = (u8, ReplySignature)> {
         self.0.iter().flat_map(|(unit, pending)| pending.marks().map(|mark| (*unit, mark)))
     }
@@ -123,13 +125,14 @@ impl PendingReplies {
         }
     }
 
-    /// Records that any answer of the unit may arrive from now on, for example because the connection was dropped.
+    /// Records that a late answer to any earlier request may arrive from now on, for example because the connection was
+    /// dropped.
     pub(in crate::fieldbus) fn anything(&mut self) {
         self.anything = Some(Silence::begin());
     }
 
-    /// Returns how much longer any answer of the unit may arrive. Returns `None` if the line has waited long enough for
-    /// that.
+    /// Returns how much longer the line must wait because any answer of the unit may arrive; `None` if no such wait is
+    /// necessary.
     pub(in crate::fieldbus) fn remaining_for_any(&self, spans: Spans) -> Option<Duration> {
         self.anything.map(|since| since.left_of(spans.grace))
     }
@@ -146,7 +149,7 @@ impl PendingReplies {
         self.late.drain(..).filter(|late| late.is_read).for_each(|late| self.order.suspect(late.mark));
     }
 
-    /// Records that the unit answered late, or without a request, so that it is no longer prompt.
+    /// Records that the unit answered late, or without a request. It then no longer counts as prompt (usually fast).
     pub(in crate::fieldbus) fn reset_timing(&mut self) {
         (self.in_time, self.longest) = (0, [Duration::ZERO; 2]);
     }
@@ -155,12 +158,13 @@ impl PendingReplies {
         self.in_time >= PROOF
     }
 
-    /// Returns the time within which a prompt unit answers: `FACTOR` times its longest answer time.
+    /// Returns the time within which a prompt unit (one that usually answers fast) answers: `FACTOR` times its longest
+    /// answer time.
     fn prompt_span(&self) -> Duration {
         self.longest[0].max(self.longest[1]).max(SHORTEST) * FACTOR
     }
 
-    /// Returns the time within which a second answer arrives, if the unit got two requests. `under_way` is the
+    /// Returns the time within which the second of two answers arrives, after a repeated request. `under_way` is the
     /// transmission time of a request and its answer.
     pub(in crate::fieldbus) fn second_within(&self, timeout: Duration, under_way: Duration) -> Duration {
         let span = self.longest[0].max(self.longest[1]).max(under_way) + LATER;
@@ -168,8 +172,8 @@ impl PendingReplies {
         span.min(prompt).min(timeout + under_way)
     }
 
-    /// Records an answer to `request` with the answer time `took`. After a repeated request that time is unknown, and
-    /// the answer to the other attempt may still arrive.
+    /// Records an answer to `request` that took the time `took`. After a repeated request the answer time is unknown,
+    /// and the answer to the other attempt may still arrive.
     pub(in crate::fieldbus) fn answers(&mut self, request: Request<'_>, took: Duration) {
         self.misses = 0;
         let mut is_repeated = false;
@@ -191,8 +195,8 @@ impl PendingReplies {
         self.in_time > 0
     }
 
-    /// Records that a request sent at `asked` was not answered in time. Returns true if the unit is prompt and may get
-    /// requests again soon. Otherwise it must get none for the full waiting time.
+    /// Records that a request sent at `asked` was not answered in time. Returns true if the unit usually answers fast
+    /// and may soon get requests again. Otherwise the unit must get no request for the full waiting time.
     pub(in crate::fieldbus) fn misses(&mut self, request: Request<'_>, asked: Moment, now: Moment) -> bool {
         self.misses = self.misses.saturating_add(1);
         if !self.is_prompt() || self.misses >= MISSES {
@@ -215,7 +219,7 @@ impl PendingReplies {
         true
     }
 
-    /// Returns the number of missing answers in a row.
+    /// Returns the number of consecutive requests without an answer in time.
     pub(in crate::fieldbus) fn missed(&self) -> u32 {
         self.misses
     }
@@ -271,8 +275,8 @@ impl PendingReplies {
         took <= self.prompt_span()
     }
 
-    /// Returns the forms of answers that may still arrive late. Answers whose waiting time has just ended are included,
-    /// because one may be in the receive buffer.
+    /// Returns the forms (function and length) of answers that may still arrive late. Answers whose waiting time has
+    /// just ended are included, because such an answer may be in the receive buffer.
     pub(in crate::fieldbus) fn marks(&self) -> impl Iterator<Item = ReplySignature> {
         self.late.iter().map(|late| late.mark)
     }

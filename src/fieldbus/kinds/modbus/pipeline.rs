@@ -7,15 +7,15 @@
 use crate::fieldbus::error::Fault;
 use crate::fieldbus::request::{Answer, Request};
 
-/// Number of missing answers in a row that ends the pipeline. So many are unlikely to be chance.
+/// Number of consecutive requests without an answer that ends the pipeline. So many are unlikely to be chance.
 const IN_A_ROW: u32 = 3;
 
-/// State of the pipeline of one line.
+/// State of the pipeline of one line: whether the line sends two requests at a time.
 #[derive(Debug, Default)]
 pub(in crate::fieldbus) struct Pipeline {
     is_on: bool,
     lost: u32,
-    /// Unit and read to send after the next request; `None`: no read.
+    /// Unit and read that are sent together with the next request; `None` if no read is to be sent.
     read: Option<(u8, Request<'static>)>,
 }
 
@@ -36,8 +36,8 @@ impl Pipeline {
         self.read.take()
     }
 
-    /// Assesses the answer to the first of two requests that were sent together, or to the second (`is_second`).
-    /// Returns true if the line stops sending two requests at this answer.
+    /// Assesses the answer to the first or the second (`is_second`) of two requests that were sent together. Returns
+    /// true if the line must stop sending two requests because of this answer.
     pub(in crate::fieldbus) fn assess(&mut self, is_second: bool, answer: &Result<Answer, Fault>) -> bool {
         match answer {
             Err(Fault::Peer(_)) => self.lost = IN_A_ROW,

@@ -12,7 +12,7 @@ pub struct ReplySignature {
 }
 
 impl ReplySignature {
-    /// Returns the form of the answer to a request. All other requests than those of Modbus have the same form.
+    /// Returns the form of the answer to a Modbus request. Requests of other protocols all get the same form.
     pub(in crate::fieldbus) fn of(request: Request<'_>) -> ReplySignature {
         let Request::Modbus(request) = request else { return ReplySignature { function: 0, form: [0, 0] } };
         let form = match request {
@@ -27,7 +27,7 @@ impl ReplySignature {
         ReplySignature { function: request.function(), form }
     }
 
-    /// Returns the form of an answer to a read; `None` for any other message.
+    /// Returns the form (function and length) of an answer to a read; `None` for any other message.
     pub(super) fn of_answer(pdu: &[u8]) -> Option<ReplySignature> {
         match *pdu {
             [function @ 1..=4, bytes, ..] => Some(ReplySignature { function, form: [u16::from(bytes), 0] }),
@@ -46,7 +46,7 @@ impl ReplySignature {
         (1..=most).contains(&count).then_some(ReplySignature { function, form: [bytes, 0] })
     }
 
-    /// Returns whether a message has this form.
+    /// Returns whether a message has this form (function, and length or echo).
     pub(super) fn is_on(self, pdu: &[u8]) -> bool {
         let word = |at: usize| Some(u16::from_be_bytes([*pdu.get(at)?, *pdu.get(at + 1)?]));
         let form = match self.function {
@@ -56,7 +56,8 @@ impl ReplySignature {
         pdu.first() == Some(&self.function) && form == Some(self.form)
     }
 
-    /// Returns whether a message refuses a request whose answer has this form.
+    /// Returns whether a message is the exception that refuses a request whose answer has this form (function and
+    /// length).
     pub(super) fn is_refused_by(self, pdu: &[u8]) -> bool {
         pdu.len() == 2 && pdu[0] == self.function | 0x80
     }

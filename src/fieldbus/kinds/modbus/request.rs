@@ -58,12 +58,12 @@ impl<'a> ModbusRequest<'a> {
         }
     }
 
-    /// Returns whether the request changes nothing.
+    /// Returns whether the request only reads.
     pub const fn is_read(self) -> bool {
         matches!(self, ModbusRequest::Read { .. })
     }
 
-    /// Returns whether one message can carry the request.
+    /// Returns whether one Modbus message can carry the request.
     pub fn fits(self) -> bool {
         let (at, count, most) = match self {
             ModbusRequest::Read { from, count } => {

@@ -34,7 +34,7 @@ mod invalid;
 
 use frame::{Frame, Reply};
 
-/// Maximum number of received bytes in which an answer is searched; older bytes are dropped.
+/// Maximum number of received bytes that are kept and searched for an answer. Older bytes are dropped.
 const MOST_KEPT: usize = 2 * frame::LONGEST;
 /// Maximum number of frames of other masters that are recorded in one exchange.
 const MOST_OVERHEARD: usize = 16;
@@ -47,12 +47,12 @@ pub struct Rtu {
     silence: Silence,
     patience: WallTimeout,
     received: Vec<u8>,
-    /// Fault of input that was discarded since the last request: noise before it, or a frame of another unit. `None` if
-    /// there was no such input.
+    /// Fault of input that was discarded since the last request: noise before the answer, or a frame of another unit.
+    /// `None` if there was no such input.
     heard: Option<PeerFault>,
-    /// Whether the adapter receives its own requests, because it has no echo suppression.
+    /// Whether the serial adapter receives the gateway's own requests, because it has no echo suppression.
     echoes: bool,
-    /// Whether the last request has come back, and no answer has arrived. After its timeout: nothing else has arrived.
+    /// Whether the last request itself was received (an echo), but no answer to it.
     came_back: bool,
     /// Frame of the last request. Its echo may arrive even after the timeout of the answer.
     last_question: Vec<u8>,
@@ -62,10 +62,12 @@ pub struct Rtu {
     answer_length: usize,
     /// Discarded input since the last answer. It is searched for whole frames, which are not noise.
     discarded: Vec<u8>,
-    /// Unit and form of each late answer that may still arrive. `late`: units whose late answers have arrived.
+    /// Unit and form (function and length) of each late answer that may still arrive. `late`: units whose late answers
+    /// have arrived.
     pending: Vec<(u8, ReplySignature)>,
     late: Vec<u8>,
-    /// Frames of other masters. Of frames with the same unit and form, only one is recorded.
+    /// Received frames of other masters. Of several frames with the same unit and form (function and length), only one
+    /// is recorded.
     overheard: Vec<ForeignFrame>,
     ending: Ending,
 }
@@ -234,8 +236,8 @@ impl Rtu {
         self.discarded.drain(..surplus);
     }
 
-    /// Returns whether this message may be a late answer of the unit. An answer with the form `own` never counts as
-    /// late.
+    /// Returns whether this message may be a late answer of the unit. An answer with the form `own`, which the present
+    /// request expects, never counts as late.
     fn is_pending_reply(&self, unit: u8, pdu: &[u8], own: Option<ReplySignature>) -> bool {
         let pending = self.pending.iter().filter(|(owing, mark)| *owing == unit && Some(*mark) != own);
         pending.into_iter().any(|(_, mark)| mark.is_on(pdu) || mark.is_refused_by(pdu))
@@ -264,7 +266,7 @@ impl Rtu {
         is_unsolicited
     }
 
-    /// Records a frame of another master, once for each unit and form.
+    /// Records a frame of another master, once for each unit and form (function and length).
     fn overhear(&mut self, unit: u8, form: Option<ReplySignature>, is_question: bool) {
         let overheard = ForeignFrame { unit, form, is_question };
         if self.overheard.len() < MOST_OVERHEARD && !self.overheard.contains(&overheard) {

@@ -45,24 +45,24 @@ const AT_ONCE: Duration = Duration::from_millis(1);
 /// Open Modbus TCP connection.
 pub struct ModbusTcp {
     port: Tapped,
-    /// State of the random number generator that draws transaction numbers.
+    /// State of the random number generator for transaction numbers.
     drawn: u64,
     question: Vec<u8>,
     /// Receive buffer; its first `filled` bytes are received and not processed.
     received: Box<[u8; 2 * LONGEST]>,
     filled: usize,
     behind: FollowUpRead,
-    /// Request whose answer is awaited; `None` if it was answered.
+    /// Request whose answer has not arrived yet; `None` if the last request was answered.
     open: Option<SentRequest>,
     /// Whether the present request may have been sent only in part.
     is_sending: bool,
     given_up: GivenUp,
-    /// Form of the received answer to the present request; `None` before it arrives.
+    /// Form (function and length) of the received answer to the present request; `None` before it arrives.
     form: Option<ReplySignature>,
     /// Whether a request was answered on this connection.
     has_answered: bool,
-    /// Time at which the answer to the last request arrived; `Moment::default()` if there was none, or if it was the
-    /// first one.
+    /// Time at which the last answer arrived. `Moment::default()` if no answer, or only the first one of the
+    /// connection, has arrived.
     answered: Moment,
     ending: Ending,
 }
@@ -194,7 +194,7 @@ impl ModbusTcp {
         self.forget_first(end);
     }
 
-    /// Receives and discards late answers, until the answer to this given up request has arrived.
+    /// Receives and discards late answers until the answer to this given up request has arrived.
     async fn receive_late(
         &mut self,
         (unit, asked): (u8, Moment),
@@ -240,8 +240,8 @@ impl ModbusTcp {
         }
     }
 
-    /// Waits for the answer to this request. An answer to the read sent directly after the request is stored, whichever
-    /// of the two arrives first.
+    /// Waits for the answer to this request. If a read was sent directly after the request, its answer is stored for
+    /// later. The two answers may arrive in any order.
     async fn receive_answer<T>(
         &mut self,
         (transaction, unit): (u16, u8),
@@ -323,8 +323,8 @@ impl First {
         self.transaction == transaction && self.unit.is_none_or(|from| from == unit)
     }
 
-    /// Returns the fault of a frame that answers no open request. `transaction` is the number of the present request,
-    /// which a server repeats even if it names another unit.
+    /// Returns the fault of a frame that answers no open request. `transaction` is the number of the present request. A
+    /// server repeats it even if the answer has another unit number.
     fn answers_nothing(&self, transaction: u16) -> PeerFault {
         match self.unit {
             Some(unit) if self.transaction == transaction => PeerFault::Unit(unit),
@@ -338,7 +338,8 @@ impl Wire for ModbusTcp {
         Box::pin(self.exchange(unit, request, send_guard))
     }
 
-    /// Returns [`Fault::Timeout`], or the protocol of text that has arrived. Such text may be shorter than a header.
+    /// Returns the fault of a request without an answer: [`Fault::Timeout`], or the protocol of text that has arrived.
+    /// Such text may be shorter than a header.
     fn missed(&mut self) -> Fault {
         let text = text::recognise(&self.received[..self.filled]);
         text.map_or(Fault::Timeout, |text| Fault::Peer(PeerFault::Text(text)))

@@ -14,13 +14,13 @@ pub enum TextProtocol {
     Other,
 }
 
-/// Smallest number of bytes that count as text of an unknown protocol. Noise of this length seldom consists of
-/// characters with an end of line.
+/// Smallest number of bytes that count as text of an unknown protocol. Noise of this length seldom consists only of
+/// printable characters and an end of line.
 const SHORTEST: usize = 5;
 /// Smallest number of digits of a frame of Modbus ASCII: unit, function, checksum.
 const FEWEST_DIGITS: usize = 6;
 
-/// Returns the protocol of these bytes; `None` if they are no text.
+/// Returns the protocol of the text in these bytes; `None` if they contain no text.
 pub(super) fn recognise(bytes: &[u8]) -> Option<TextProtocol> {
     if has_ascii_frame(bytes) {
         return Some(TextProtocol::ModbusAscii);

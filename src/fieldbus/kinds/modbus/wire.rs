@@ -15,7 +15,7 @@ use isotherm_core::quantity::Moment;
 pub struct ForeignFrame {
     /// Unit that the frame addresses, or that sent it.
     pub unit: u8,
-    /// Form of the answer; `None` if it is no read.
+    /// Form (function and length) of the answer; `None` if the frame is not of a read.
     pub form: Option<ReplySignature>,
     /// Whether the frame is a request.
     pub is_question: bool,
@@ -28,9 +28,10 @@ pub struct LateReply {
     pub unit: u8,
     /// Time at which the request was sent.
     pub asked: Moment,
-    /// Time at which the answer arrived; `None` if the wire did not listen at that time.
+    /// Time at which the answer arrived; `None` if this time is not known, because the wire did not receive at that
+    /// time.
     pub received: Option<Moment>,
-    /// Whether a Modbus gateway has answered instead of the unit, with exception 10 or 11.
+    /// Whether the answer came from a Modbus gateway instead of the unit, as exception 10 or 11.
     pub is_of_a_gateway: bool,
 }
 
@@ -42,13 +43,14 @@ pub trait ModbusWire: Wire {
         true
     }
 
-    /// Returns whether the last request itself came back, and nothing else arrived before its timeout. An adapter or a
+    /// Returns whether the gateway received its own last request, and nothing else before the timeout. An adapter or a
     /// serial server without echo suppression returns each request.
     fn has_come_back(&self) -> bool {
         false
     }
 
-    /// Sets the forms of late answers that may still arrive. The wire discards them.
+    /// Sets the late answers that may still arrive, as unit and form (function and length). The wire discards these
+    /// answers.
     fn pass_over(&mut self, _owed: Vec<(u8, ReplySignature)>) {}
 
     /// Returns the units whose late answers have arrived since the last call.
@@ -123,8 +125,8 @@ pub trait ModbusWire: Wire {
         None
     }
 
-    /// Returns the form of the answer to the last request, valid or not; `None` if it is not that of a read, or if the
-    /// wire does not record it.
+    /// Returns the form (function and length) of the answer to the last request, even if the answer is invalid. `None`
+    /// if this is no answer to a read, or if the wire does not record the form.
     fn received_form(&self) -> Option<ReplySignature> {
         None
     }

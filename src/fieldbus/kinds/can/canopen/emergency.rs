@@ -5,7 +5,7 @@ use std::fmt;
 use super::NodeId;
 use isotherm_core::codec::Frame;
 
-/// First identifier of emergency messages, to which the node's number is added.
+/// First CAN identifier of emergency messages, to which the number of the node is added.
 pub const SERVICE: u16 = 0x080;
 
 /// Emergency message of a node: its error code, its error register, and bytes of the manufacturer.

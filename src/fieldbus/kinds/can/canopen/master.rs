@@ -39,7 +39,7 @@ pub enum Start {
     WhenSetUp,
 }
 
-/// Frame or event that the master returns to its caller; the order must be kept.
+/// Result of the master for its caller: a frame to send, or an event. The caller must keep the order of the results.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Output {
     /// Frame to send on the bus.
@@ -88,7 +88,7 @@ struct Node {
     id: NodeId,
     care: Supervision,
     state: Option<NodeState>,
-    /// Time of the last heartbeat. Before the first heartbeat: time at which the master began to listen.
+    /// Time of the last heartbeat. Before the first heartbeat, this is the time at which the master began to listen.
     received: Moment,
     was_heard: bool,
     is_lost: bool,
@@ -115,7 +115,7 @@ impl Master {
         Master { nodes: nodes.collect(), sync: sync.map(|sync| (sync, now)) }
     }
 
-    /// Returns the identifiers to receive: heartbeats and emergency messages of the nodes.
+    /// Returns the CAN identifiers of the frames to receive: heartbeats and emergency messages of the nodes.
     pub fn identifiers(&self) -> impl Iterator<Item = CanId> {
         let both = |node: &Node| [node.id.identifier(emergency::SERVICE), node.id.identifier(HEARTBEAT)];
         self.nodes.iter().flat_map(both)

@@ -5,10 +5,10 @@ use std::fmt;
 use super::NodeId;
 use isotherm_core::codec::{CanId, Frame};
 
-/// First identifier of boot-up and heartbeat, to which the node's number is added.
+/// First CAN identifier of boot-up and heartbeat messages, to which the number of the node is added.
 pub const HEARTBEAT: u16 = 0x700;
 
-/// Identifier of NMT commands.
+/// CAN identifier of NMT commands (network management).
 const NMT: u16 = 0x000;
 
 /// State of a node in its heartbeat.

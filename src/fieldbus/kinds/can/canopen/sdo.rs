@@ -18,12 +18,12 @@ use super::abort::AbortCode;
 use crate::fieldbus::error::{Fault, PeerFault};
 use isotherm_core::codec::{CanId, Entry, Frame};
 
-/// First identifier of requests, to which the node's number is added.
+/// First CAN identifier of SDO requests, to which the number of the node is added.
 pub const REQUEST: u16 = 0x600;
-/// First identifier of answers, to which the node's number is added.
+/// First CAN identifier of SDO answers, to which the number of the node is added.
 pub const ANSWER: u16 = 0x580;
 
-/// Returns the identifiers of the transfers with a node: requests and answers.
+/// Returns the CAN identifiers of the SDO transfers with a node: requests and answers.
 pub fn identifiers(node: NodeId) -> [CanId; 2] {
     [node.identifier(REQUEST), node.identifier(ANSWER)]
 }
@@ -43,9 +43,9 @@ pub struct Client {
     node: NodeId,
     /// Transfer in progress; `None` between transfers.
     transfer: Option<Transfer>,
-    /// Whether an answer to an older transfer may still arrive.
+    /// Whether an answer to an older transfer may still arrive. The client then first reads an entry of [`SETTLERS`].
     is_unsettled: bool,
-    /// Transfer that begins when answers to older transfers can no longer arrive.
+    /// Requested transfer that begins when no answer to an older transfer can arrive any more.
     postponed: Option<Job>,
     /// Index in [`SETTLERS`] of the entry that is read next.
     settler: usize,
@@ -80,8 +80,7 @@ enum Stage {
 pub enum Progress {
     /// Frame that the caller sends next; the transfer continues.
     Send(Frame),
-    /// First frame of the transfer that the caller requested. The reads before it are finished, so no answer to an
-    /// older transfer can arrive.
+    /// First frame of the transfer that the caller requested. No answer to an older transfer can arrive now.
     Begin(Frame),
     /// The entry was read.
     Read(Data),
@@ -192,8 +191,8 @@ impl Client {
         Some(self.abort(transfer.job.entry, AbortCode::TIMED_OUT))
     }
 
-    /// Records a received frame that answers no request. If it is an answer of the node, more such answers may follow,
-    /// so the client becomes unsettled.
+    /// Records a received frame that answers no request. If it is an answer of the node, more such answers may follow.
+    /// The client then reads an entry of [`SETTLERS`] before its next transfer.
     pub fn was_not_asked(&mut self, frame: &Frame) {
         self.is_unsettled |= frame.id() == self.answers();
     }
@@ -274,13 +273,13 @@ impl Client {
 }
 
 impl Data {
-    /// Returns the bytes in the order received, lowest first. If the node did not report the length, the result has
-    /// four bytes, and the higher ones may have no meaning.
+    /// Returns the received bytes, the lowest first. If the node did not report the length, the result has four bytes,
+    /// and the higher ones may have no meaning.
     pub fn bytes(&self) -> &[u8] {
         &self.bytes
     }
 
-    /// Returns the bytes of a value of `width` bytes.
+    /// Returns the received bytes as a value that is `width` bytes long.
     ///
     /// # Errors
     /// The node reported another width for the entry.
@@ -291,7 +290,8 @@ impl Data {
     }
 }
 
-/// Returns the frame with the segment of the written data that begins at `from`, and the start of the next segment.
+/// Returns the frame with the segment of the written data that begins at the index `from`, and the index of the next
+/// segment.
 fn segment(data: &[u8], from: usize, toggle: bool) -> ([u8; 8], usize) {
     let until = data.len().min(from + 7);
     let part = &data[from..until];

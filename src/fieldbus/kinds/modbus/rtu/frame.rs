@@ -9,7 +9,7 @@ use crate::fieldbus::kinds::modbus::reply_signature::ReplySignature;
 use crate::fieldbus::kinds::modbus::request::ModbusRequest;
 use isotherm_core::codec::{Table, checksum};
 
-/// Length in bytes of the longest frame: unit, 253 bytes, checksum.
+/// Length in bytes of the longest frame: unit (1), message (253), checksum (2).
 pub(super) const LONGEST: usize = 256;
 /// Number of bytes around the content of a frame: unit (1) and checksum (2).
 const AROUND: usize = 3;
@@ -51,8 +51,8 @@ pub(super) fn lengths(request: ModbusRequest<'_>) -> (usize, usize) {
 }
 
 /// Returns whether the answer to this request could begin with the same bytes as the request. An echo could then be
-/// mistaken for the answer. In the answer to a read, the length of the data is at the place of the high byte of the
-/// address.
+/// mistaken for the answer. In the answer to a read, the byte with the data length is where the request has the high
+/// byte of the address.
 pub(super) fn is_like_its_answer(request: ModbusRequest<'_>) -> bool {
     match request {
         ModbusRequest::Read { from, count } => {
@@ -75,7 +75,7 @@ pub(super) fn find(bytes: &[u8], unit: u8) -> Reply {
     find_before(bytes, unit, bytes.len())
 }
 
-/// Returns the index at which an answer to this request begins, if its end is still missing.
+/// Returns the index at which an incomplete answer to this request begins; `None` if there is none.
 fn incomplete_answer(bytes: &[u8], unit: u8, request: ModbusRequest<'_>) -> Option<usize> {
     let (_, length) = lengths(request);
     let mut begin = vec![unit];
@@ -104,7 +104,7 @@ fn find_before(bytes: &[u8], unit: u8, before: usize) -> Reply {
     foreign
 }
 
-/// Returns all whole answers in order: unit, range of the protocol data unit, and the index of the byte after the
+/// Returns all complete answers in order: unit, range of the protocol data unit, and the index of the byte after the
 /// frame.
 pub(super) fn all(bytes: &[u8]) -> impl Iterator<Item = (u8, std::ops::Range<usize>, usize)> {
     let mut start = 0;
@@ -123,7 +123,7 @@ pub(super) fn all(bytes: &[u8]) -> impl Iterator<Item = (u8, std::ops::Range<usi
     })
 }
 
-/// Whole frame in received bytes.
+/// Complete frame in received bytes.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) struct Frame {
     pub(super) unit: u8,

@@ -7,11 +7,11 @@ use isotherm_core::codec::checksum;
 
 /// Number of bytes at the beginning of an echo that may be wrong, because the adapter switches its driver on or off.
 const DAMAGED: usize = 3;
-/// Largest number of surplus bytes of an exception.
+/// Maximum number of surplus bytes after a Modbus exception.
 const SURPLUS: usize = 2;
 
-/// Returns the fault of input that contains no answer. Returns `None` for input that may be noise: without echoes, it
-/// is shorter than the answer, and is neither text nor an exception.
+/// Returns the fault of input that contains no answer. Returns `None` for input that may be noise. After removal of
+/// echoes, such input is shorter than the answer, and is neither text nor an exception.
 ///
 /// `question` is the frame of the request, `before` that of the request before it, and `answer` the length of the
 /// answer.
@@ -42,8 +42,7 @@ fn without_echoes(received: &[u8], question: &[u8], before: &[u8]) -> Vec<u8> {
     left
 }
 
-/// Returns the code of an exception with one or two surplus bytes; `None` if these bytes are not exactly one such
-/// frame.
+/// Returns the code of a Modbus exception with one or two surplus bytes; `None` if the bytes are anything else.
 pub(super) fn long_exception(bytes: &[u8], unit: u8, function: u8) -> Option<u8> {
     let (body, sum) = bytes.split_at_checked(bytes.len().checked_sub(2)?)?;
     let [from, refused, code, surplus @ ..] = body else { return None };

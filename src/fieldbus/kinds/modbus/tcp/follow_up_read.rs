@@ -12,7 +12,7 @@ use isotherm_core::quantity::Moment;
 /// read is open.
 #[derive(Debug, Default)]
 pub(super) struct FollowUpRead {
-    /// Unit and read to send after the next request; `None`: no read.
+    /// Unit and read that are sent directly after the next request; `None` if no read is to be sent.
     next: Option<(u8, ModbusRequest<'static>)>,
     open: Option<SentRead>,
 }
@@ -83,8 +83,8 @@ impl FollowUpRead {
         }
     }
 
-    /// Returns the stored answer and its time of sending, if `request` is the read that was sent and answered. A stored
-    /// answer is discarded if its request was sent longer ago than the timeout.
+    /// Returns the stored answer and the time at which its read was sent, if `request` is this read. A stored answer is
+    /// discarded if its read was sent longer ago than the timeout.
     pub(super) fn take(
         &mut self,
         unit: u8,

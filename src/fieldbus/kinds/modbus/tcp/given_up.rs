@@ -28,7 +28,7 @@ pub(super) struct GivenUp {
 }
 
 impl GivenUp {
-    /// Adds a request, if there is one.
+    /// Adds a request to the given up ones; `None` changes nothing.
     pub(super) fn extend(&mut self, request: Option<SentRequest>) {
         if request.is_some() && self.requests.len() == MOST {
             self.requests.remove(0);
@@ -52,13 +52,13 @@ impl GivenUp {
     }
 
     /// Returns whether a frame is the late answer to a given up request. If the unit number of the frame has not
-    /// arrived yet, the transaction number decides.
+    /// arrived yet, only the transaction number is compared.
     pub(super) fn expects(&self, first: &First) -> bool {
         self.requests.iter().any(|request| first.answers(request.transaction, request.unit))
     }
 
-    /// Records the late answer with this header and this message. `received` is the time of its arrival, if it is
-    /// known.
+    /// Records that the late answer with this header and this message has arrived. `received` is the time of its
+    /// arrival, if it is known.
     pub(super) fn answered(&mut self, first: &First, message: &[u8], received: Option<Moment>) {
         let is_its = |request: &SentRequest| first.answers(request.transaction, request.unit);
         let Some(place) = self.requests.iter().position(is_its) else { return };
@@ -67,7 +67,7 @@ impl GivenUp {
         self.replies.push(LateReply { unit, asked, received, is_of_a_gateway });
     }
 
-    /// Returns the discarded answers since the last call.
+    /// Returns the late answers that were discarded since the last call.
     pub(super) fn take_replies(&mut self) -> Vec<LateReply> {
         std::mem::take(&mut self.replies)
     }
