@@ -19,7 +19,7 @@ use tokio_rustls::rustls::pki_types::ServerName;
 
 use crate::tls::TlsFault;
 
-/// Time limit for each address of a host name except the last one, which gets the remaining time of the caller.
+/// Time limit for connecting to each address of a host name. The last address has no limit except that of the caller.
 const EACH: Duration = Duration::from_secs(3);
 
 /// Reason why there is no connection.
@@ -59,7 +59,8 @@ pub async fn connect(to: impl ToSocketAddrs) -> Result<TcpStream, ConnectError> 
     TcpStream::connect(last).await.map_err(ConnectError::Unreachable)
 }
 
-/// Returns the reason why a host name has no address. A lookup opens files too.
+/// Returns the reason why the lookup of a host name failed. The cause may be too many open files, because a lookup
+/// opens files too.
 fn unresolved(error: io::Error) -> ConnectError {
     if is_out_of_files(&error) { ConnectError::Unreachable(error) } else { ConnectError::Unresolved }
 }
@@ -92,7 +93,7 @@ pub struct Host {
     port: u16,
     /// TLS settings; `None`: connections without TLS.
     trust: Option<Arc<ClientConfig>>,
-    /// Name lookup in progress, if any. A second one is never started, however long the first one takes.
+    /// Name lookup in progress; `None` if there is none. A second lookup is never started before the first one ends.
     lookup: Mutex<Option<JoinHandle<io::Result<Vec<SocketAddr>>>>>,
 }
 

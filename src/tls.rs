@@ -55,8 +55,9 @@ pub enum TlsFault {
 }
 
 impl TlsFault {
-    /// Returns the cause, if the error is an error of TLS. With TLS 1.3, the other end checks the gateway's certificate
-    /// only after the handshake. The gateway then receives a TLS alert instead of the first answer.
+    /// Returns the cause of the failed TLS connection; `None` if the error is not from TLS. With TLS 1.3, the other end
+    /// checks the gateway's certificate only after the handshake. The gateway then receives a TLS alert instead of the
+    /// first answer.
     pub fn of(error: &io::Error) -> Option<TlsFault> {
         Some(match error.get_ref()?.downcast_ref::<Error>()? {
             Error::InvalidCertificate(why) => match why {
@@ -95,8 +96,8 @@ impl TlsFault {
         })
     }
 
-    /// Returns the cause of an error during the handshake. If the connection ends without a TLS alert, that is a cause
-    /// too.
+    /// Returns the cause of an error during the handshake. A connection that ends without a TLS alert has a cause too
+    /// ([`TlsFault::Silent`]).
     pub fn in_handshake(error: &io::Error) -> Option<TlsFault> {
         let is_end = matches!(
             error.kind(),

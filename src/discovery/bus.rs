@@ -102,8 +102,8 @@ impl FromStr for LineAddress {
         let parsed = KINDS.iter().find_map(|kind| (kind.parse)(text));
         let (transport, address) = parsed.unwrap_or_else(|| {
             Err(match text.split_once("://") {
-                Some((scheme, _)) => format!("`{scheme}` is no type of line; {}", forms()),
-                None => format!("`{text}` is no address of a line; {}", forms()),
+                Some((scheme, _)) => format!("`{scheme}` is no type of bus line; {}", forms()),
+                None => format!("`{text}` is no address of a bus line; {}", forms()),
             })
         })?;
         Ok(LineAddress { transport, address })

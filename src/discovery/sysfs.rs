@@ -79,10 +79,10 @@ fn advice(root: &Path, sensor: &PcSensor, reason: Reason) -> String {
         (false, _) => format!("{reason}; present sensors of this kind: {others}"),
         (true, false) => {
             format!(
-                "{reason}, and no other sensor of this kind: {driver}? Present sensors: {}",
+                "{reason}, and this computer has no other sensor of this kind: {driver}? Present sensors: {}",
                 called(&|_| true)
             )
         }
-        (true, true) => format!("{reason}, and no other sensor in {}: {driver}?", root.display()),
+        (true, true) => format!("{reason}, and no sensor was found in {}: {driver}?", root.display()),
     }
 }

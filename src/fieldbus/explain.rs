@@ -68,7 +68,7 @@ pub const fn remedy(fault: Fault) -> Option<&'static str> {
         Fault::Link(LinkFault::OpcUa(fault)) => fault.hint(),
         Fault::Link(LinkFault::Tls(fault)) => return modbus::hint::inside_tls(fault),
         Fault::Peer(PeerFault::Malformed) => {
-            "on a serial line, check baud rate and parity, and that no two units have one number; over TCP: \
+            "on a serial line, check baud rate and parity, and that no two units have the same number; over TCP: \
              is it RTU over TCP?"
         }
         Fault::Peer(PeerFault::Foreign) => "is another master on the line?",

@@ -77,11 +77,11 @@ pub const GRACE: u32 = 3;
 /// transaction numbers, this number is larger on a line with several units.
 const MISSES: u32 = 2;
 
-/// Longest rest of a line that counts as short. On a busy computer, a short rest moves the timer of the timeout, because
-/// other tasks wake the computer in any case.
+/// Limit below which an idle time of the line counts as short. On a busy computer, the timer of the timeout is then
+/// only moved, which takes less processor time. Other tasks wake the computer in any case.
 const SHORT_REST: Duration = Duration::from_millis(250);
 
-/// One physical line. Its owner task is the only sender.
+/// One physical bus line. Only its owner task sends requests on it.
 pub struct DeviceLine {
     dial: Box<dyn Dial>,
     /// Clock samples, and the deadline for sending the present request.
@@ -100,19 +100,18 @@ pub struct DeviceLine {
     /// Duration of the last exchange, from the request to the end of its answer.
     took: Duration,
     misses: u32,
-    /// Whether the gateway itself closed the connection after an answer, because the device accepts one client at a
-    /// time.
+    /// Whether the gateway closed the connection after an answer, because the device accepts only one client at a time.
     is_put_down: bool,
     tap: Tap,
     history: ConnectionHistory,
     /// Number of connections in a row that the other end closed soon after they were opened.
     short_lives: u32,
-    /// Back-off that leaves the device to another client, which seems to compete for the only connection.
+    /// Back-off that leaves the only connection of a device to another client, which seems to compete for it.
     yielding: Backoff,
     evidence: Evidence,
     others: OtherMasters,
     after_timeout: AfterTimeout,
-    /// Modbus gateway (from TCP to a serial line) in front of the units that are behind one.
+    /// State of the Modbus gateway (from TCP to a serial line) in front of the units, if there is one.
     gateway: ModbusGateway,
     closing_habit: ClosingHabit,
     /// Whether a device loses the first request of each connection (`quirks.loses_first_request`).
@@ -130,12 +129,12 @@ enum AfterTimeout {
     Renew,
 }
 
-/// Requests on the present connection so far.
+/// Record of the requests on the present connection.
 #[derive(Clone, Copy, Debug, Default)]
 struct ConnectionHistory {
     /// Time at which the connection was opened.
     opened_at: Moment,
-    /// Whether the next request must keep the pause of its unit, because another one was sent before.
+    /// Whether the next request must wait for the pause of its unit, because another request was sent before.
     needs_pause: bool,
     /// Whether at least one request on this connection was completed.
     has_answered: bool,
@@ -156,7 +155,7 @@ pub struct CheckedAnswer {
     pub attribution: Attribution,
 }
 
-/// Master to whose request an answer belongs, as far as the frame of the answer shows it.
+/// Assignment of an answer to the gateway or to another master on the line, as far as the frame shows it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Attribution {
     /// The answer belongs to the gateway's request.
@@ -164,7 +163,7 @@ pub enum Attribution {
     /// The answer belongs to the gateway or to another master, because that master requests the same function and
     /// length from the same unit.
     Ambiguous,
-    /// Unknown: a second answer of the same unit and form followed, and either of the two may be the answer to the
+    /// A second answer of the same unit, function and length followed. Either of the two may be the answer to the
     /// gateway.
     Contested,
 }
@@ -246,21 +245,21 @@ impl DeviceLine {
         self
     }
 
-    /// Switches off the rule that the age of an answer counts from its request. Tests use this to show what the rule
-    /// prevents.
+    /// Switches off the rule that the age of an answer counts from its request. Tests use this to show why the rule is
+    /// necessary.
     #[doc(hidden)]
     pub fn unchecked(mut self) -> DeviceLine {
         self.send_guard = self.send_guard.unchecked();
         self
     }
 
-    /// Samples the clock. The returned moment is the time of this line until the next sample.
+    /// Samples the clock, and returns the time. The line uses this time until the next sample.
     pub fn sample(&mut self) -> Moment {
         self.send_guard.sample()
     }
 
-    /// Announces that the line gets no request for this time. The gap between clock samples then does not count as a
-    /// stop of the computer.
+    /// Announces that the line gets no request for the time `span`. The gap between clock samples then does not count
+    /// as a stop of the computer.
     pub fn idle_for(&mut self, span: Duration) {
         self.send_guard.away_for(span);
         if span < SHORT_REST && self.send_guard.is_busy() {
@@ -281,7 +280,8 @@ impl DeviceLine {
         self.wire.is_some() || self.is_put_down
     }
 
-    /// Ends the back-off of a device. `None` ends the back-off of the line and of all its devices.
+    /// Ends the back-off of a device, so that it gets a request at once. `None` ends the back-off of the line and of
+    /// all its devices.
     pub fn revive(&mut self, device: Option<DeviceId>) {
         self.units.revive(device);
         if device.is_none() {
@@ -301,7 +301,7 @@ impl DeviceLine {
         self.units.place(device).is_some_and(|place| !self.may_try(place, now))
     }
 
-    /// Returns the moment at which an exchange would end if a request were sent now. Reads that are due by then may be
+    /// Returns the expected end of an exchange (request and answer) that begins now. Reads that are due by then may be
     /// sent together with the request. Returns `None` if the line sends one request at a time.
     pub fn follow_up_until(&self, now: Moment) -> Option<Moment> {
         self.pipeline.is_on().then(|| now.after(self.took))
@@ -331,8 +331,8 @@ impl DeviceLine {
     }
 
     /// Sends a request to a device, and waits for its answer for at most the timeout of the line. Connecting may take a
-    /// second timeout, and a control question (see `line/control.rs`) another one. Immediately before the first byte is
-    /// sent, the line checks the deadline `leave`.
+    /// second timeout. A control question (extra read, see `line/control.rs`) may take a third one. Immediately before
+    /// the first byte is sent, the line checks the deadline `leave`.
     ///
     /// # Errors
     /// See [`Fault`]; [`Fault::outcome`] tells whether a failed write was executed. While a device backs off, the call

@@ -1,8 +1,8 @@
-//! Formats a list of values as text, each after a space.
+//! List of values as text, each value after a space.
 
 use std::fmt;
 
-/// Values to format: ` 1 65535`.
+/// Values to format, for example as ` 1 65535`.
 pub(super) struct Listed<'a, T>(pub(super) &'a [T]);
 
 impl<T: fmt::Display> fmt::Display for Listed<'_, T> {

@@ -41,8 +41,8 @@ impl LocalTcp {
         LocalTcp { stream, is_local, in_vain: 0, has_asked: false }
     }
 
-    /// Returns whether to try a read at once, before waiting. This is true at most once per request, and rarely if such
-    /// attempts found no answer.
+    /// Returns whether to try a read at once, before waiting. This is true at most once per request. After several
+    /// attempts without an answer, it is rarely true.
     fn looks(&mut self) -> bool {
         if !self.is_local || !std::mem::take(&mut self.has_asked) {
             return false;
@@ -55,7 +55,7 @@ impl LocalTcp {
     }
 }
 
-/// Returns whether the error only means that the caller must wait or try again.
+/// Returns whether the error is temporary: the caller must wait or try again.
 fn is_passing(error: &io::Error) -> bool {
     matches!(error.kind(), io::ErrorKind::WouldBlock | io::ErrorKind::Interrupted)
 }

@@ -1,5 +1,5 @@
-//! Streams that carry Modbus. Input in the system's buffer can be read without the async runtime, which may not know of
-//! it yet. A tap (recorder) can log all bytes.
+//! Byte streams to devices. Input in the system's buffer can be read directly, even if the async runtime was not
+//! notified of it yet. A tap (recorder) can log all bytes.
 
 use std::io::{self, Read};
 use std::pin::Pin;

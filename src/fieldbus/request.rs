@@ -16,7 +16,7 @@ pub use super::kinds::opcua::request::NodeRequest;
 pub use super::kinds::serial_ascii::request::TextRequest;
 pub use super::kinds::sysfs::request::SensorRequest;
 
-/// One request to one device, in the form of its type of bus. Code above a driver does not look into it.
+/// One request to one device: one variant for each type of bus. Only the code of that type of bus uses the content.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Request<'a> {
     /// Request to a Modbus unit.
@@ -36,10 +36,10 @@ pub enum Request<'a> {
 pub struct NodeReading {
     /// Value as registers, the most significant first; or the reason why there is none.
     pub value: Result<Encoded, Reason>,
-    /// Time stamp of the value, as an age.
+    /// Age of the value by its time stamp, if the server sent one.
     pub stamped: Stamped,
-    /// Begin of the age of the value, if that is an earlier request: a value of a subscription is as old as the request
-    /// that the server answered with it. `None`: the age begins at this request.
+    /// Time from which the age of the value counts. A value of a subscription is as old as the Publish request that the
+    /// server answered with it. `None`: the age counts from the present request.
     pub asked: Option<Moment>,
 }
 
@@ -50,7 +50,7 @@ pub enum Stamped {
     Unknown,
     /// Age of the value.
     Ago(Duration),
-    /// The stamp is later than the answer, so one of the clocks is wrong.
+    /// The time stamp of the value is later than the answer, so one of the clocks is wrong.
     Ahead,
 }
 
@@ -120,7 +120,7 @@ impl Answer {
         self.node(field).map_or(Stamped::Unknown, |node| node.stamped)
     }
 
-    /// Returns the time of the earlier request from which the age of this field counts. `None`: it counts from the
+    /// Returns the time of the earlier request from which the age of this field counts. `None`: the age counts from the
     /// present request.
     pub fn asked(&self, field: &plan::Field) -> Option<Moment> {
         self.node(field)?.asked
@@ -160,22 +160,22 @@ impl Answer {
 }
 
 impl<'a> Request<'a> {
-    /// Returns the read of registers or bits of a Modbus unit.
+    /// Returns a request that reads registers or bits of a Modbus unit.
     pub const fn read_registers(from: Register, count: u16) -> Request<'a> {
         Request::Modbus(ModbusRequest::Read { from, count })
     }
 
-    /// Returns the read of an object of a CANopen node.
+    /// Returns a request that reads an object of a CANopen node.
     pub const fn read_object(object: Object) -> Request<'a> {
         Request::Can(CanRequest::Read { object })
     }
 
-    /// Returns the read of nodes of a server.
+    /// Returns a request that reads nodes of an OPC UA server.
     pub const fn read_nodes(nodes: &'a [Node]) -> Request<'a> {
         Request::Nodes(NodeRequest::Read(nodes))
     }
 
-    /// Returns the read of the namespaces of a server.
+    /// Returns a request that reads the namespaces of an OPC UA server.
     pub const fn read_namespaces() -> Request<'a> {
         Request::Nodes(NodeRequest::Namespaces)
     }
@@ -192,8 +192,8 @@ impl<'a> Request<'a> {
         }
     }
 
-    /// Returns the read of these registers, which may be sent together with another request. Returns `None` for targets
-    /// that are not registers.
+    /// Returns a request that reads these registers, and may be sent together with another request. Returns `None` for
+    /// targets that are not registers.
     pub const fn in_registers(asked: &ReadTarget) -> Option<Request<'static>> {
         match asked {
             ReadTarget::Registers { from, count } => Some(Request::read_registers(*from, *count)),
@@ -225,12 +225,12 @@ impl<'a> Request<'a> {
         Request::Modbus(ModbusRequest::write_holding(at, values, functions))
     }
 
-    /// Returns the write of an object of a CANopen node.
+    /// Returns a request that writes an object of a CANopen node.
     pub const fn write_object(object: Object, values: &'a [u16]) -> Request<'a> {
         Request::Can(CanRequest::Write { object, values })
     }
 
-    /// Returns the write of nodes of a server, all in one call.
+    /// Returns a request that writes nodes of an OPC UA server, all in one call.
     pub const fn write_nodes(nodes: &'a [Node], values: &'a [u16]) -> Request<'a> {
         Request::Nodes(NodeRequest::Write { nodes, values })
     }

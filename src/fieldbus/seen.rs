@@ -6,21 +6,21 @@ use std::borrow::Cow;
 use super::error::Fault;
 use isotherm_profile::plan::ReadRequest;
 
-/// Failed request.
+/// Failed request, as far as the advice to the user depends on it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Seen {
     /// Fault of the request.
     pub fault: Fault,
-    /// Extent of the request.
+    /// Kind and size of the request.
     pub asked: Asked,
     /// Whether the device answers other requests meanwhile.
     pub others: Others,
 }
 
-/// Extent of a request to a Modbus unit, as far as the advice depends on it.
+/// Kind and size of a request to a Modbus unit, as far as the advice depends on them.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Asked {
-    /// Request whose extent does not change the advice.
+    /// Request whose details do not change the advice.
     #[default]
     Any,
     /// Read of registers or bits.
@@ -65,8 +65,8 @@ impl Advice {
 }
 
 impl Seen {
-    /// Creates the description of a failed request with this extent. Whether the device answers other requests is not
-    /// known.
+    /// Creates the description of a request of the kind and size `asked` that failed with `fault`. Whether the device
+    /// answers other requests is not known.
     pub const fn of(fault: Fault, asked: Asked) -> Seen {
         Seen { fault, asked, others: Others::Unknown }
     }
@@ -79,7 +79,7 @@ impl From<Fault> for Seen {
 }
 
 impl Asked {
-    /// Returns the extent of a planned read. [`Asked::Any`] for a read that is not of registers.
+    /// Returns the kind and size of a planned read. Returns [`Asked::Any`] for a read that is not of registers.
     pub fn of(request: &ReadRequest) -> Asked {
         if request.span().is_none() {
             return Asked::Any;

@@ -25,7 +25,7 @@ pub enum SendDeadline {
 pub struct SendGuard {
     clock: Clock,
     stall_detector: StallDetector,
-    /// Whether a gap between clock samples counts as a stop of the computer. Not under a virtual clock.
+    /// Whether a gap between clock samples counts as a stop of the computer. This is false under a virtual clock.
     is_watched: bool,
     /// Last clock sample before the computer was stopped; `None` if there was no stop, or the owner of the line has
     /// read it.
@@ -33,10 +33,10 @@ pub struct SendGuard {
     is_read: bool,
     not_after: Moment,
     asked: Option<Moment>,
-    /// Timeout of the answer.
+    /// Timeout of the answer to the present request.
     timeout: Duration,
-    /// Switches off two rules, for tests that show the purpose of the rules: age then counts from the answer, and no
-    /// answer is late.
+    /// Whether two rules are switched off, for tests that show their purpose. The age of a value then counts from the
+    /// answer, and no answer is late.
     is_unchecked: bool,
 }
 
@@ -66,7 +66,8 @@ impl SendGuard {
         SendGuard { stall_detector: StallDetector::begin(self.clock.now(), max_age), is_watched, ..self }
     }
 
-    /// Prepares the send guard for the next request: `leave` is its deadline, and it counts as not sent.
+    /// Prepares the send guard for the next request, which counts as not sent. `leave` is the deadline for sending the
+    /// request.
     pub(super) fn next(&mut self, request: Request<'_>, leave: SendDeadline) {
         let not_after = match leave {
             SendDeadline::None => Moment::END,
@@ -126,12 +127,13 @@ impl SendGuard {
         self.clock.is_virtual()
     }
 
-    /// Returns whether many tasks sleep by the clock, see [`Clock::is_busy`].
+    /// Returns whether many tasks wait for the clock, see [`Clock::is_busy`].
     pub(super) fn is_busy(&self) -> bool {
         self.clock.is_busy()
     }
 
-    /// Announces that no clock sample follows for this time, so that the gap does not count as a stop of the computer.
+    /// Announces that no clock sample follows for the time `span`, so that the gap does not count as a stop of the
+    /// computer.
     pub fn away_for(&mut self, span: Duration) {
         self.stall_detector.away_for(span);
     }
@@ -143,8 +145,8 @@ impl SendGuard {
         now
     }
 
-    /// Returns the present moment while an answer is awaited. This is no clock sample: the announced time of the wait
-    /// still applies.
+    /// Returns the present moment during the wait for an answer. This call does not count as a clock sample: the
+    /// announced time of the wait still applies.
     pub(super) fn now(&self) -> Moment {
         self.clock.now()
     }

@@ -1,4 +1,4 @@
-//! Serial ports of this computer, by system calls. The program therefore needs no other library.
+//! Serial ports of this computer. The module uses system calls directly, without a library for serial ports.
 //!
 //! A port is opened by its path each time. An adapter that was unplugged is found again under the same name below
 //! /dev/serial/by-id. The port is locked while it is open. Its [`PortIdentity`] distinguishes it from another port that
@@ -33,7 +33,7 @@ pub struct SerialPort {
     identity: PortIdentity,
 }
 
-/// Content of the bytes on a port.
+/// Kind of data on a port: frames with a checksum, or text.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Content {
     /// Frames with a checksum: eight data bits. A character with a wrong parity bit is discarded, so that its frame has

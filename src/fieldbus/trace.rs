@@ -36,7 +36,7 @@ pub struct Tap(Arc<Shared>);
 
 #[derive(Debug)]
 struct Shared {
-    /// Wall clock. Under a virtual clock every answer would take no time.
+    /// Real clock for the times in the log. Under a virtual clock every answer would take no time.
     clock: Clock,
     is_on: AtomicBool,
     passed: Mutex<PassedBytes>,
@@ -48,19 +48,19 @@ struct Shared {
 struct PassedBytes {
     sent: Vec<u8>,
     received: Vec<u8>,
-    /// Number of bytes beyond [`LONGEST`], which were not stored.
+    /// Number of further bytes, beyond [`LONGEST`], that were not stored.
     more: usize,
 }
 
 #[derive(Debug)]
 struct Listener {
-    /// Device whose exchanges are wanted; `None`: all devices on the line.
+    /// Device whose exchanges the listener receives; `None`: all devices on the line.
     device: Option<DeviceId>,
     to: mpsc::Sender<Exchange>,
     dropped: Arc<AtomicU64>,
 }
 
-/// Receiver of the exchanges of a line. Dropping it ends the listening.
+/// Receiver of the exchanges (requests with answers) of a line. Dropping the receiver ends the listening.
 #[derive(Debug)]
 pub struct ExchangeReceiver {
     tap: Tap,
@@ -80,7 +80,7 @@ impl Tap {
         Tap(Arc::new(Shared { clock, is_on, passed: Mutex::default(), listeners: Mutex::default() }))
     }
 
-    /// Returns the tap of another line, with the same wall clock.
+    /// Returns a new tap (recorder) for another line, with the same wall clock.
     pub fn of_another_line(&self) -> Tap {
         Tap::by(self.0.clock.clone())
     }

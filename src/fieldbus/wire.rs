@@ -21,14 +21,14 @@ pub type Boxed<'a, T> = Pin<Box<dyn Future<Output = T> + Send + 'a>>;
 /// Future that resolves to the answer to a request.
 pub type Call<'a> = Boxed<'a, Result<Answer, Fault>>;
 
-/// How a connection ended.
+/// Way in which a connection ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Ending {
     /// The connection was reset, or broken in the middle of an answer, or the end is unknown.
     Lost,
     /// The other end closed the connection in an orderly way, between two answers.
     Closed,
-    /// Not relevant, because the gateway detects an exchanged device by other means. This is so for OPC UA and for CAN.
+    /// The way does not matter, because the gateway detects an exchanged device by other means (OPC UA and CAN).
     Kept,
 }
 
@@ -55,7 +55,7 @@ pub trait Wire: Send {
         None
     }
 
-    /// Returns how the connection ended, as far as the wire (its transport) knows it.
+    /// Returns how the connection ended, as far as the transport can show this.
     fn ending(&mut self) -> Ending {
         Ending::Lost
     }

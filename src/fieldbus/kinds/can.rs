@@ -47,7 +47,7 @@ pub(in crate::fieldbus) const fn hint(fault: CanFault) -> &'static str {
         CanFault::NotCan => "`ip -details link show type can` lists the CAN interfaces",
         CanFault::NoKernel => "run `modprobe can-raw` as root",
         CanFault::Forbidden => "run the gateway as a user who may open raw sockets of CAN",
-        CanFault::Down => "`ip link set … up` as root brings it up",
+        CanFault::Down => "`ip link set … up` as root brings the interface up",
         CanFault::Full => {
             "does another node on the bus acknowledge? If yes, `txqueuelen` of the interface is too small"
         }

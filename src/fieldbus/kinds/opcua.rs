@@ -1,6 +1,6 @@
 //! OPC UA server as a line.
 //!
-//! - `client` — connections to a server, by feature.
+//! - `client` — connections to a server; requires the feature `opcua`.
 //! - [`check`] — check of such a line in a profile; [`fault`] — faults of a connection.
 //! - [`namespaces`] — namespaces that a profile names by index.
 //! - `conversion` — numbers and node identifiers of the library, by feature.
@@ -70,7 +70,7 @@ fn dial(_: &Bus) -> Option<Box<dyn Dial>> {
 #[cfg(not(feature = "opcua"))]
 mod not_built_in;
 
-/// Returns what to do about a fault, if other types of bus have another remedy.
+/// Returns the remedy for a fault of an OPC UA line; `None` if the general remedy for all types of bus fits.
 const fn hint(fault: Fault) -> Option<&'static str> {
     Some(match fault {
         Fault::Timeout => {
@@ -91,7 +91,7 @@ const fn hint(fault: Fault) -> Option<&'static str> {
     })
 }
 
-/// Returns what to do if the server refuses a request with this status.
+/// Returns what the user can do if the server refuses a request with this OPC UA status.
 pub(in crate::fieldbus) const fn status_hint(status: Status) -> &'static str {
     match status {
         _ if status.is(Status::ACCESS_DENIED) => {

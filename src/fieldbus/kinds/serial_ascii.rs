@@ -84,7 +84,7 @@ fn dial(bus: &Bus) -> Option<Box<dyn Dial>> {
     Some(Box::new(dial::TextDial::new(bus)?))
 }
 
-/// Returns the remedy for a fault of a device that sends text.
+/// Returns the remedy for a fault of a device that sends text; `None` if the general remedy fits.
 fn hint(fault: Fault) -> Option<&'static str> {
     match fault {
         Fault::Timeout => Some(

@@ -66,11 +66,12 @@ const AT_THIS_COMPUTER: &str = "the kernel driver of the sensors does not return
                                 kernel repeats the reading for seconds? `dmesg` says more. The gateway reads \
                                 each sensor again when its driver has returned";
 
-/// Dial of the sensors of this computer, which have no connection.
+/// Connection opener for the sensors of this computer. Opening does nothing, because they have no connection.
 struct SysfsDial {
     root: PathBuf,
     timeout: Duration,
-    /// Reads that have not returned. They are kept when the connection is replaced, because a read may hang.
+    /// Reads of sensors that have not returned yet. The list is kept when the connection is replaced, because a read
+    /// may hang.
     readers: Readers,
 }
 

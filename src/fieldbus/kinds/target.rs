@@ -2,10 +2,10 @@
 
 use isotherm_profile::{Parity, Serial, host_and_port};
 
-/// Default settings of a serial port: most modules are shipped with these.
+/// Default settings of a serial port. Most modules have these settings on delivery.
 const SHIPPED_WITH: Serial = Serial { baud: 9600, parity: Parity::None, stop_bits: 1 };
 
-/// Returns host and port. Without a port, it adds the usual one, if the type of bus has one.
+/// Returns host and port of an address. If the address has no port, adds the port `usual` of the type of bus.
 pub(super) fn host(text: &str, usual: Option<u16>) -> Result<String, String> {
     let text = text.strip_suffix('/').unwrap_or(text);
     if text.is_empty() {
@@ -31,7 +31,7 @@ pub(super) fn host_of_url(url: &str) -> &str {
     rest.split('/').next().unwrap_or_default()
 }
 
-/// Returns the settings of a serial port and its path.
+/// Parses an address of a serial port: returns its settings and its path.
 pub(super) fn serial(text: &str) -> Result<(Serial, String), String> {
     let (path, settings) = text.split_once('?').unwrap_or((text, ""));
     if !path.starts_with('/') {
@@ -58,8 +58,8 @@ pub(super) fn serial(text: &str) -> Result<(Serial, String), String> {
     Ok((serial, path.to_owned()))
 }
 
-/// Returns the settings of a serial port with 7 or 8 data bits, the data bits, and its path. `data_bits` is their
-/// default, and `scheme` the beginning of the address in messages.
+/// Parses an address of a serial port with 7 or 8 data bits: settings, data bits, path. `data_bits` is the default.
+/// `scheme` is the beginning of the address in messages.
 pub(super) fn serial_with_data_bits(
     text: &str,
     scheme: &str,

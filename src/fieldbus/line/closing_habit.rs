@@ -9,13 +9,13 @@ use crate::fieldbus::wire::Ending;
 /// Number of connections in a row that the server must close after one answer each, before this counts as its habit.
 const IN_A_ROW: u32 = 3;
 
-/// Number of the last connections in a row that the server closed in an orderly way after one answer.
+/// Number of consecutive connections that the server closed in an orderly way after one answer, up to the last one.
 #[derive(Debug, Default)]
 pub(super) struct ClosingHabit(u32);
 
 impl ClosingHabit {
-    /// Records the end of a connection with this number of complete answers. Returns whether the server has closed it
-    /// in an orderly way after a complete answer.
+    /// Records the end of a connection on which `answers` complete answers have arrived. Returns whether the server
+    /// closed it in an orderly way after a complete answer.
     pub(super) fn ended(&mut self, answers: u32, ending: Ending) -> bool {
         let is_orderly = ending == Ending::Closed && answers > 0;
         self.0 = if is_orderly && answers == 1 { self.0.saturating_add(1) } else { 0 };

@@ -17,12 +17,12 @@ use isotherm_core::quantity::Moment;
 /// another client.
 const SHORT_LIFE: Duration = Duration::from_secs(5);
 /// Number of short connections in a row after which the line backs off. A device that accepts one client drops the
-/// first client for the second. Two masters that reconnect at once would interrupt each other for ever.
+/// first client when a second one connects. Two masters that reconnect at once would interrupt each other for ever.
 const SHORT_LIVES: u32 = 3;
 
 impl DeviceLine {
-    /// Closes the connection after an answer, if the device at `place` accepts one client at a time
-    /// (`quirks.close_after_each`), or if the server would close it.
+    /// Closes the connection after an answer, if the device with the index `place` accepts one client at a time
+    /// (`quirks.close_after_each`). Also closes it if the server usually does so after each answer.
     pub(super) fn put_down(&mut self, place: usize) {
         if self.units.at(place).quirks.close_after_each || self.closing_habit.is_after_each() {
             self.wire = None;
@@ -36,7 +36,7 @@ impl DeviceLine {
         self.units.pending.each().for_each(PendingReplies::anything);
     }
 
-    /// Returns whether the last request itself came back, and nothing else arrived before its timeout. Returns `false`
+    /// Returns whether the gateway received its own last request, and nothing else before the timeout. Returns `false`
     /// if the connection was closed after the timeout.
     pub fn has_come_back(&mut self) -> bool {
         self.wire.as_mut().and_then(Connection::modbus).is_some_and(|modbus| modbus.has_come_back())
@@ -58,7 +58,7 @@ impl DeviceLine {
         let _ = self.patience.within(self.timeout, connection.wire().close()).await;
     }
 
-    /// Returns how the present connection has ended, as far as its wire can tell.
+    /// Returns how the present connection has ended, as far as its transport can show this.
     pub(super) fn end_of_connection(&mut self) -> Ending {
         self.wire.as_mut().map_or(Ending::Lost, |connection| connection.wire().ending())
     }
@@ -167,7 +167,7 @@ impl DeviceLine {
     }
 }
 
-/// Returns a read of one value in the same place as `request`; `None` if it is not for a Modbus unit.
+/// Returns a read of one value at the address of `request`; `None` if `request` is not for a Modbus unit.
 fn opening_read(request: Request<'_>) -> Option<Request<'static>> {
     let Request::Modbus(request) = request else { return None };
     let (from, count) = match request {

@@ -1,4 +1,5 @@
-//! Evidence of a line on whether its devices kept their state (their continuity), see [`isotherm_core::continuity`].
+//! Detection of devices that may have been exchanged or restarted (breaks of their continuity), see
+//! [`isotherm_core::continuity`].
 //!
 //! A device that is exchanged, or switched off and on, breaks its connections. A connection that was refused, or that
 //! did not end with an orderly close, is therefore evidence of a break. Some servers close each connection after its
@@ -12,10 +13,11 @@ use crate::fieldbus::wire::{Answer, Ending};
 use isotherm_core::continuity::Break;
 use isotherm_core::quantity::Moment;
 
-/// Longest time between two orderly closes by the same server that shows a habit of the server, and no break.
+/// Maximum time between two orderly closes of connections. Within this time, they count as a habit of the server, and
+/// not as a broken contact.
 const HABIT: Duration = Duration::from_secs(3600);
-/// Time since the last answer of a device after which a timeout that ends the connection counts as a break. At the
-/// usual periods, one lost answer causes a shorter silence.
+/// Time since the last answer of a device after which a timeout that ends the connection counts as a broken contact. At
+/// the usual periods, one lost answer causes a shorter silence.
 const SILENCE: Duration = Duration::from_secs(3);
 
 impl DeviceLine {
@@ -25,7 +27,7 @@ impl DeviceLine {
         unit.is_checked && self.observer.as_ref().is_some_and(|observer| !observer.is_verified(unit.device))
     }
 
-    /// Reports a break to the observer, if the result of a request shows that contact with the device was broken.
+    /// Reports a broken contact with the device to the observer, if the result of a request shows it.
     pub(super) fn check_for_break(&mut self, place: usize, answer: &Result<Answer, Fault>, now: Moment) {
         let (Err(fault), Some(connection)) = (answer, &mut self.wire) else { return };
         let ending = connection.wire().ending();
@@ -64,7 +66,7 @@ pub(super) struct Evidence {
     closed_at: Option<Moment>,
 }
 
-/// Devices with which contact was broken when a request failed.
+/// Devices with which the gateway lost contact when a request failed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum BrokenContact {
     None,
@@ -85,8 +87,8 @@ impl Evidence {
         self.answers = self.answers.saturating_add(1);
     }
 
-    /// Returns the devices with which contact was broken, if a request ends with this fault and the connection with
-    /// this ending. `received` is the time of the device's last answer.
+    /// Returns the devices with which contact was lost, after a request has failed with `fault` and the connection has
+    /// ended with `ending`. `received` is the time of the device's last answer.
     pub(super) fn ends(
         &mut self,
         fault: Fault,

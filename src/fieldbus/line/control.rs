@@ -9,7 +9,8 @@ use isotherm_core::quantity::Moment;
 use isotherm_profile::DeviceId;
 
 impl DeviceLine {
-    /// Returns the control question to send before this request; `None` if none is needed or possible.
+    /// Returns the control question to send before this request: an extra read that checks the order of the answers.
+    /// `None` if none is needed or possible.
     pub(super) fn control_question(&self, place: usize, request: Request<'_>) -> Option<Request<'static>> {
         let unit = self.units.at(place);
         // If each answer ends its connection, the control question would need another connection.
@@ -29,8 +30,8 @@ impl DeviceLine {
         pending.order.control(request, is_allowed)
     }
 
-    /// Records the result of a control question. Returns whether the request that waits for this result may be sent:
-    /// the unit has answered the control question, with data or with a refusal.
+    /// Records the result of a control question (extra read that checks the order of the answers). Returns whether the
+    /// waiting request may be sent, because the unit has answered with data or with a refusal.
     pub(super) fn may_follow(
         &mut self,
         place: usize,

@@ -1,5 +1,5 @@
-//! Turns of the units behind a Modbus gateway (from TCP to a serial line): the earliest request to each unit, and
-//! waiting for the Modbus gateway. See `modbus_gateway`.
+//! Times of the requests to the units behind a Modbus gateway (from TCP to a serial line), and waiting for the Modbus
+//! gateway. See `modbus_gateway`.
 
 use std::time::Duration;
 
@@ -13,7 +13,7 @@ use isotherm_profile::DeviceId;
 
 impl DeviceLine {
     /// Returns whether the unit may get a request now. A unit that backs off after a failure gets none. A dead unit
-    /// behind a Modbus gateway is asked seldom, because the other units wait meanwhile.
+    /// behind a Modbus gateway seldom gets a request, because the other units wait meanwhile.
     pub(super) fn may_try(&self, place: usize, now: Moment) -> bool {
         let unit = self.units.at(place);
         if !unit.breaker.allows(now) {
@@ -28,15 +28,15 @@ impl DeviceLine {
         self.gateway.may_try_dead(unit.tried, self.timeout, others, now)
     }
 
-    /// Records that a round of reads of the device has ended, which began at `begun`.
+    /// Records that a round of reads (one read of all signals) of the device has ended. The round began at `begun`.
     pub fn note_round(&mut self, device: DeviceId, begun: Moment) {
         if let Some(place) = self.units.place(device) {
             self.units.at_mut(place).round = Some(begun);
         }
     }
 
-    /// Returns the device to be asked next, after a unit behind a Modbus gateway has not answered. `None`: any device
-    /// may be next.
+    /// Returns the device that must get the next request, after a unit behind a Modbus gateway has not answered.
+    /// `None`: any device may get it.
     ///
     /// The result is the device that answered last, because it most probably still answers. Otherwise several units
     /// that fail together would occupy the Modbus gateway one after another.
@@ -48,8 +48,8 @@ impl DeviceLine {
         first.breaker.allows(now).then_some(first.device)
     }
 
-    /// Returns the time until which a request to the device would wait for a Modbus gateway that waits for a silent
-    /// unit. `None`: the request would not wait, or the own timeout of the Modbus gateway is not known.
+    /// Returns the time until which a request to the device would be delayed, because the Modbus gateway still waits
+    /// for a silent unit. `None`: there is no delay, or the own timeout of the Modbus gateway is not known.
     pub fn occupied_until(&self, device: DeviceId, now: Moment) -> Option<Moment> {
         let until = self.gateway.occupied_until().filter(|until| *until > now)?;
         // Under a virtual clock, requests do not wait.
@@ -63,8 +63,8 @@ impl DeviceLine {
         self.gateway.occupied_until().max(Some(self.gateway.waited_until())) > Some(due)
     }
 
-    /// Waits until the Modbus gateway has given up the silent unit, if it may still wait for that unit. If the line
-    /// cannot know that time, it opens another connection.
+    /// Waits until the Modbus gateway has given up the silent unit, if it may still wait for that unit. If the time of
+    /// giving up is not known, the line opens another connection.
     pub(super) async fn wait_for_gateway(&mut self, place: usize) -> Result<(), Fault> {
         let unit = self.units.at(place);
         let (number, is_behind_gateway) = (unit.number, unit.is_behind_gateway);
@@ -105,7 +105,7 @@ impl DeviceLine {
         if self.gateway.has_waited(number, expects_late) { self.renew(now).await } else { Ok(()) }
     }
 
-    /// Waits for `span`, or until the late answer to the silent request has arrived, if it is expected.
+    /// Waits for `span`, or until the late answer to the unanswered request has arrived, if this answer is expected.
     async fn listen_for_late(
         &mut self,
         silent: (u8, Moment),
@@ -125,8 +125,8 @@ impl DeviceLine {
         }
     }
 
-    /// Returns the latest end of a wait for a Modbus gateway whose own timeout is not known, after a request at
-    /// `asked`. No reading becomes too old until then, if this is possible.
+    /// Returns the latest end of a wait for a Modbus gateway whose own timeout is not known. The request was sent at
+    /// `asked`. If possible, the wait ends before a reading becomes too old.
     fn latest_wait(&self, asked: Moment) -> Moment {
         let usable = self.units.live().map(|unit| unit.read_since().after(unit.max_age));
         let latest = usable.min().map(|usable| usable.before(self.timeout));
@@ -134,8 +134,8 @@ impl DeviceLine {
         latest.min(asked.after(LONGEST_WAIT.max(2 * self.timeout)))
     }
 
-    /// Replaces the connection, because input with this fault arrived before a request. The fault does not concern the
-    /// unit of the request.
+    /// Replaces the connection, because unexpected input arrived before a request. `fault` is the fault of this input,
+    /// and does not concern the unit of the request.
     ///
     /// # Errors
     /// The other end has closed the connection, or there is no other connection.
@@ -146,7 +146,7 @@ impl DeviceLine {
         }
     }
 
-    /// Replaces the connection by another one.
+    /// Closes the connection, and opens another one to the same address.
     async fn renew(&mut self, now: Moment) -> Result<(), Fault> {
         self.drop_connection();
         let connected = self.connect(now).await;
@@ -156,8 +156,8 @@ impl DeviceLine {
         connected
     }
 
-    /// Returns for how much longer than `timeout` the line waits for the answer of a unit. A unit that has not answered
-    /// its last request gets no additional time.
+    /// Returns the time by which the line waits longer than `timeout` for the answer of a unit, because the Modbus
+    /// gateway may be occupied. A unit that has not answered its last request gets no additional time.
     pub(super) fn patience_for(&self, place: usize) -> Duration {
         let unit = self.units.at(place);
         let is_waited_for = unit.is_behind_gateway && self.after_timeout == AfterTimeout::Keep;
@@ -199,7 +199,7 @@ impl DeviceLine {
         }
     }
 
-    /// Records that a unit behind the Modbus gateway has not answered. `fault` is the result of the request.
+    /// Records that a unit behind the Modbus gateway has not answered a request, which ended with `fault`.
     pub(super) fn note_gateway_miss(&mut self, place: usize, fault: Fault) {
         let Some(asked) = self.send_guard.asked() else { return };
         let (number, was_dead) = (self.units.at(place).number, self.units.is_dead(place));

@@ -16,7 +16,7 @@ use crate::fieldbus::wire::Request;
 use isotherm_core::quantity::Moment;
 
 impl DeviceLine {
-    /// Waits until no late answer of the unit could be taken for the answer to this request. Returns an error if there
+    /// Waits until no late answer of the unit can be mistaken for the answer to this request. Returns an error if there
     /// is no connection, or if it fails during the wait.
     pub(super) async fn wait_for_late(&mut self, place: usize, request: Request<'_>) -> Result<(), Fault> {
         let spans = self.spans();

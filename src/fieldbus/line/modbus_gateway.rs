@@ -1,4 +1,4 @@
-//! Knowledge of a line about the Modbus gateway (from TCP to a serial line) in front of its units.
+//! Observed state of the Modbus gateway (from TCP to a serial line) in front of the units of a line.
 //!
 //! A Modbus gateway has one request at a time on its serial line. While it waits for a silent unit, it answers no other
 //! request. Its own timeout may be longer than `timeout`:
@@ -27,19 +27,19 @@ use isotherm_core::quantity::Moment;
 
 /// Longest time for which the line waits for a Modbus gateway whose timeout is not known.
 pub(super) const LONGEST_WAIT: Duration = Duration::from_secs(5);
-/// Longest timeout of a Modbus gateway that the line learns. A longer time may have another cause, for example a stop
-/// of this computer.
+/// Maximum time that the line accepts as the own timeout of a Modbus gateway. A longer time may have another cause, for
+/// example a stop of this computer.
 const LONGEST_OWN: Duration = Duration::from_secs(10);
-/// Longest additional time of one request, because the line waits for a Modbus gateway.
+/// Maximum time by which one request takes longer because the line waits for a Modbus gateway.
 pub const LONGEST_GATEWAY_WAIT: Duration = Duration::from_secs(16);
 /// Additional time in which an exception of the Modbus gateway may arrive.
 const LATER: Duration = Duration::from_millis(100);
-/// Time after which a dead unit gets a request, even if readings of other units become too old.
+/// Time after which a dead unit gets a request in any case, even if readings of other units become too old.
 const SELDOM: Duration = Duration::from_secs(300);
 /// After a missing answer, a dead unit gets no request for this time, unless another unit answers. After this time,
 /// probably no other unit can answer.
 const PROOF: Duration = Duration::from_secs(30);
-/// Dead units occupy the line for at most 1/`SHARE` of the time.
+/// Limit of the time for dead units: they occupy the line for at most 1/`SHARE` of the time.
 const SHARE: u32 = 4;
 
 /// State of the Modbus gateway of one line.
@@ -52,13 +52,13 @@ pub(super) struct ModbusGateway {
     proof: Proof,
     /// Earliest time at which a dead unit gets a request.
     dead_not_before: Moment,
-    /// Own timeout of the Modbus gateway that was reported last.
+    /// Own timeout of the Modbus gateway, as it was reported last; `None` if it was never reported.
     reported: Option<Duration>,
     /// End of the last wait for the Modbus gateway.
     waited_until: Moment,
 }
 
-/// Behaviour of the Modbus gateway if a unit is silent for longer than `timeout`, and its own timeout.
+/// Behaviour of the Modbus gateway when its own timeout for a silent unit ends, and the length of this timeout.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 enum GivingUp {
     #[default]
@@ -73,9 +73,9 @@ enum GivingUp {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum SilentTimeout {
     Unknown,
-    /// Upper limit: another unit has answered in time, when this time had passed.
+    /// Upper limit: another unit answered without a delay after this time, so the Modbus gateway had already given up.
     AtMost(Duration),
-    /// Approximate value: another unit has answered after its timeout, when this time had passed.
+    /// Approximate value: the delayed answer of another unit arrived after this time.
     About(Duration),
 }
 
@@ -84,7 +84,7 @@ enum SilentTimeout {
 enum TransactionNumbers {
     #[default]
     Right,
-    /// A request got the answer to another one.
+    /// A request got the answer to another request.
     Wrong,
 }
 
@@ -103,12 +103,12 @@ enum Renewal {
 struct SilentRequest {
     unit: u8,
     asked: Moment,
-    /// Whether the line has waited for the Modbus gateway without knowing for how long. A prompt answer then shows
-    /// nothing about its timeout.
+    /// Whether the line has waited for the Modbus gateway without knowing its timeout. A prompt answer of another unit
+    /// then gives no information about this timeout.
     was_awaited: bool,
 }
 
-/// Whether a unit has answered since the last missing answer.
+/// Proof that the units behind the Modbus gateway can answer: whether one has answered since the last missing answer.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 enum Proof {
     #[default]
@@ -134,7 +134,7 @@ impl ModbusGateway {
         self.numbers == TransactionNumbers::Right
     }
 
-    /// Records that a request got the answer to another request.
+    /// Records that the Modbus gateway sent an answer with the transaction number of another request.
     pub(super) fn confuses_numbers(&mut self) {
         self.numbers = TransactionNumbers::Wrong;
     }
@@ -202,7 +202,7 @@ impl ModbusGateway {
         self.proof = Proof::AwaitedSince(now);
     }
 
-    /// Records that the Modbus gateway has given up a unit with an exception, within `timeout`.
+    /// Records that the Modbus gateway has given up a unit, and has sent an exception within `timeout`.
     pub(super) fn gave_up(&mut self, now: Moment) {
         self.occupied = None;
         self.proof = Proof::AwaitedSince(now);
@@ -243,8 +243,9 @@ impl ModbusGateway {
         }
     }
 
-    /// Returns what the line does before it sends a request to the unit. `expects_late`: the connection is the one of
-    /// the silent request. `latest`: time until which the line may wait for a Modbus gateway that it does not know.
+    /// Returns what the line does before it sends a request to the unit. `expects_late`: a late answer to the
+    /// unanswered request can still arrive on this connection. `latest`: end of the wait if the timeout of the Modbus
+    /// gateway is not known.
     pub(super) fn wait(&self, unit: u8, expects_late: bool, latest: Moment, now: Moment) -> Wait {
         let Some(silent) = self.occupied else { return Wait::None };
         let until = match (self.occupied_until(), self.giving_up) {
@@ -271,8 +272,8 @@ impl ModbusGateway {
         }
     }
 
-    /// Returns whether the line opens another connection before it sends a request to the unit. The answer to the
-    /// silent request has not arrived in the time for it.
+    /// Returns whether the line must open another connection before it sends a request to the unit. The late answer to
+    /// the unanswered request has not arrived.
     fn is_to_renew(&self, silent: SilentRequest, unit: u8, expects_late: bool) -> bool {
         self.renewal == Renewal::Accepted && expects_late && silent.unit != unit
     }
@@ -287,8 +288,8 @@ impl ModbusGateway {
         self.waited_until
     }
 
-    /// Records that the line has waited for as long as [`ModbusGateway::wait`] has said, before a request to the unit.
-    /// Returns whether it opens another connection, because the Modbus gateway has sent no answer.
+    /// Records the end of the wait that [`ModbusGateway::wait`] has requested before a request to the unit. Returns
+    /// true if the line must open another connection, because the Modbus gateway has sent no answer.
     pub(super) fn has_waited(&mut self, unit: u8, expects_late: bool) -> bool {
         let Some(silent) = self.occupied else { return false };
         let is_renewed = self.is_to_renew(silent, unit, expects_late);
@@ -299,7 +300,7 @@ impl ModbusGateway {
         is_renewed
     }
 
-    /// Returns for how much longer than `timeout` the line waits for the answer of a unit. During this time, the Modbus
+    /// Returns the time by which the line waits longer than `timeout` for the answer of a unit, because the Modbus
     /// gateway may still wait for another unit.
     pub(super) fn patience(&self, unit: u8, now: Moment) -> Duration {
         let Some(silent) = self.occupied.filter(|silent| silent.unit != unit) else { return Duration::ZERO };
@@ -307,7 +308,7 @@ impl ModbusGateway {
         silent.asked.after(longest).since(now)
     }
 
-    /// Returns whether another unit must answer before a dead unit is asked.
+    /// Returns whether a dead unit must get no request until another unit has answered.
     pub(super) fn awaits_proof(&self, now: Moment) -> bool {
         matches!(self.proof, Proof::AwaitedSince(since) if now.since(since) < PROOF)
     }
@@ -339,7 +340,7 @@ impl ModbusGateway {
                 && live.all(|(received, max_age)| received.after(max_age) >= until))
     }
 
-    /// Returns the time for which a dead unit occupies the line.
+    /// Returns the time for which one request to a dead unit occupies the line.
     fn cost(&self, timeout: Duration) -> Duration {
         self.own_timeout().unwrap_or_default().max(timeout)
     }

@@ -26,7 +26,8 @@ use isotherm_profile::DeviceId;
 
 /// Time without a frame of another master, after which that master counts as gone.
 const AFTER: Duration = Duration::from_secs(600);
-/// Maximum number of stored pairs of unit and form. Once it is reached, every answer to a read is ambiguous.
+/// Maximum number of stored pairs of unit and form (function and length). Once this number is reached, every answer to
+/// a read is ambiguous.
 const MOST_FORMS: usize = 64;
 
 /// Maximum number of further reads to confirm an ambiguous answer.
@@ -47,13 +48,13 @@ pub(super) struct ForeignTraffic {
     since: Moment,
     last: Moment,
     frames: u64,
-    /// Unit and form of each answer to another master.
+    /// Unit number, and form (function and length), of each observed answer to another master.
     forms: Vec<(u8, ReplySignature)>,
 }
 
 impl OtherMasters {
-    /// Records a frame that belongs to no request of the gateway. Returns whether the other master, or the form of its
-    /// answers, was not known before.
+    /// Records a frame that belongs to no request of the gateway. Returns whether the other master, or the form
+    /// (function and length) of its answers, was not known before.
     fn note(&mut self, heard: ForeignFrame, now: Moment) -> bool {
         let (first, since) = match self {
             OtherMasters::Noticed(noticed) => return noticed.note(heard, now),
@@ -90,7 +91,8 @@ impl OtherMasters {
 }
 
 impl ForeignTraffic {
-    /// Records one more frame of another master. Returns whether the form of its answers was not known before.
+    /// Records one more frame of another master. Returns whether the form (function and length) of the answers to that
+    /// master was not known before.
     fn note(&mut self, heard: ForeignFrame, now: Moment) -> bool {
         self.last = now;
         self.frames += 1;

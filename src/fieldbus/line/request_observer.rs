@@ -27,11 +27,11 @@ pub trait RequestObserver: Send + Sync {
         self.note(device, request, Ok(()), refusals);
     }
 
-    /// Reports that contact with a device was broken, so that another device may answer next. `None`: contact with
-    /// every device on the line was broken.
+    /// Reports that contact with a device was lost, so that another device may answer the next request. `None`: contact
+    /// with every device on the line was lost.
     fn breaks(&self, _device: Option<DeviceId>, _cause: Break) {}
 
-    /// Returns whether the device has passed its checks since contact with it was last broken.
+    /// Returns whether the device has passed its checks since contact with it was last lost.
     fn is_verified(&self, _device: DeviceId) -> bool {
         true
     }
@@ -47,11 +47,11 @@ pub trait RequestObserver: Send + Sync {
     /// Reports news about the OPC UA subscription of a device, as a sentence.
     fn subscribes(&self, _device: DeviceId, _what: String) {}
 
-    /// Reports that another master was detected on the line, or a new form of answers to it. `attribute` returns, for a
-    /// unit and a request, whether the answer may be an answer to that master.
+    /// Reports that another master was detected on the line, or answers to it with another function or length.
+    /// `attribute` returns, for a unit and a request, whether the answer may be an answer to that master.
     fn shares_line(&self, _attribute: &dyn Fn(u8, Request<'_>) -> Attribution) {}
 
-    /// Reports that no other master was detected for ten minutes. Before, the line received `frames` frames of other
-    /// masters during the time `within`.
+    /// Reports that no frame of another master has arrived for ten minutes. Before that, the line received `frames`
+    /// such frames during the time `within`.
     fn has_line_alone(&self, _frames: u64, _within: Duration) {}
 }

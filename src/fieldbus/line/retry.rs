@@ -8,8 +8,8 @@ use isotherm_core::quantity::Moment;
 use isotherm_profile::DeviceId;
 
 impl DeviceLine {
-    /// Returns the earliest time at which a request may be repeated that this device did not answer. Returns `None` on
-    /// a line with transaction numbers. On an RTU line, one lost answer does not yet show a fault of the device.
+    /// Returns the earliest time to repeat a request that this device did not answer. Returns `None` on a line with
+    /// transaction numbers. On an RTU line, one lost answer does not yet show a fault of the device.
     pub fn again_at(&self, device: DeviceId) -> Option<Moment> {
         let unit = self.units.get(device).filter(|_| self.is_nameless)?;
         let pending = self.units.pending.get(unit.number).and_then(|pending| pending.again_at(self.spans()));

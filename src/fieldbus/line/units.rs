@@ -15,10 +15,10 @@ use isotherm_profile::{Device, DeviceId, Functions, Quirks, Transport};
 /// Shortest pause after a missing answer of a unit without reliable transaction numbers. The multiple of a very short
 /// timeout would be too short, because an answer may arrive even later.
 const SHORTEST_REST: Duration = Duration::from_millis(750);
-/// Number of consecutive missing answers up to which the pause of a unit does not grow. It applies to units that have
-/// answered before, on lines without reliable transaction numbers.
+/// Number of consecutive requests without an answer up to which the pause of a unit does not grow. It applies to units
+/// that have answered before, on lines without reliable transaction numbers.
 const PATIENT: u32 = 3;
-/// Number of consecutive missing answers after which a unit counts as dead.
+/// Number of consecutive requests without an answer, after which a unit counts as dead.
 const DEAD: u32 = 2;
 /// Length of the first pause after a failure.
 pub(super) const FIRST_PAUSE: Duration = Duration::from_secs(1);
@@ -32,8 +32,8 @@ pub(super) struct Unit {
     pub(super) quirks: Quirks,
     pub(super) breaker: Backoff,
     pub(super) last_fault: Fault,
-    /// Whether the unit has checks that must pass before its readings are used. An OPC UA server always has one: its
-    /// namespaces.
+    /// Whether the unit has checks that must pass before its readings are used. An OPC UA server always has a check of
+    /// its namespaces.
     pub(super) is_checked: bool,
     /// Whether a Modbus gateway to a serial line is in front of the unit. A late answer of the unit may then have the
     /// transaction number of another request.
@@ -45,13 +45,13 @@ pub(super) struct Unit {
     /// Start of the last round of reads, in which the line read all signals of the device once; `None` if it has no
     /// such rounds.
     pub(super) round: Option<Moment>,
-    /// Age at which the readings of the device are too old; `Duration::MAX` if it has none.
+    /// Age at which the readings of the device are too old; `Duration::MAX` if the device has no limit.
     pub(super) max_age: Duration,
 }
 
 impl Unit {
-    /// Returns the time of the first request that the present readings of the device answer. Writes, and reads that
-    /// verify them, do not count.
+    /// Returns the time of the request that delivered the oldest present reading of the device. Writes, and reads that
+    /// verify writes, do not count.
     pub(super) fn read_since(&self) -> Moment {
         self.round.map_or(self.received, |round| round.min(self.received))
     }
@@ -152,13 +152,13 @@ impl Units {
         self.pending.of(self.all[place].number)
     }
 
-    /// Returns whether the last request to the unit with this number was not answered in time.
+    /// Returns whether the last request to the unit with this number ended with a timeout.
     pub(super) fn has_timed_out(&self, number: u8) -> bool {
         self.missed(number) > 0
             && self.all.iter().any(|unit| unit.number == number && unit.last_fault == Fault::Timeout)
     }
 
-    /// Returns the number of answers in a row that the unit with this number has missed.
+    /// Returns the number of consecutive requests that the unit with this number has not answered.
     fn missed(&self, number: u8) -> u32 {
         self.pending.get(number).map_or(0, PendingReplies::missed)
     }
@@ -171,9 +171,9 @@ impl Units {
         }
     }
 
-    /// Records a missing answer that may still arrive without a reliable transaction number. A unit that usually
-    /// answers promptly may get a request again. Any other unit gets no request until the late answer can no longer
-    /// arrive.
+    /// Records that an answer is missing, and may still arrive without a reliable transaction number. A unit that
+    /// usually answers promptly may get a request again. Any other unit gets no request until the late answer can no
+    /// longer arrive.
     pub(super) fn misses(
         &mut self,
         place: usize,

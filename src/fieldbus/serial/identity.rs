@@ -76,8 +76,8 @@ pub(crate) enum PortHistory {
 
 impl PortHistory {
     /// Returns the history after another attempt to open the port. `opened` is the identity of the port; `None` if the
-    /// attempt failed. The line itself reports a failed attempt as a break. The previous port is then forgotten, so
-    /// that the next one is not reported as a second break.
+    /// attempt failed. The line itself reports a failed attempt as a lost contact. The previous port is then forgotten,
+    /// so that the next port is not reported as a second loss of contact.
     #[must_use]
     pub(crate) fn and(self, opened: Option<PortIdentity>) -> PortHistory {
         match (self, opened) {
@@ -89,7 +89,7 @@ impl PortHistory {
         }
     }
 
-    /// Returns false if the last opened port is another one than the port before.
+    /// Returns false if the last attempt opened another port than the attempt before.
     pub(crate) fn resumes(self) -> bool {
         !matches!(self, PortHistory::Other(_))
     }

@@ -81,7 +81,7 @@ impl Client {
     }
 }
 
-/// Certificate of the gateway, and whether a device has requested it.
+/// Certificate of the gateway, with a record of whether a device has requested it.
 #[derive(Debug)]
 struct ShownCertificate {
     certificate: Arc<dyn ResolvesClientCert>,

@@ -30,8 +30,8 @@ pub fn plant_client(ca: Option<&[u8]>) -> Result<ClientConfig, String> {
     Ok(trusting(ca)?.with_no_client_auth())
 }
 
-/// Returns the settings of a client for TLS 1.2 or 1.3, without the choice of its own certificate. Trust is as in
-/// [`plant_client`].
+/// Returns incomplete settings of a client for TLS 1.2 or 1.3: the choice of its own certificate is missing. The
+/// trusted authorities are those of [`plant_client`].
 pub(super) fn trusting(ca: Option<&[u8]>) -> Result<ConfigBuilder<ClientConfig, WantsClientCert>, String> {
     let config = ClientConfig::builder_with_provider(Arc::new(default_provider()))
         .with_safe_default_protocol_versions()
@@ -61,7 +61,8 @@ pub(super) fn own(cert: &NamedFile, key: &NamedFile) -> Result<Own, Vec<ProfileE
     }
 }
 
-/// Completes the settings of a client with its own certificates and private key, which are read from these files.
+/// Completes the settings of a client with its own certificates and private key, which it reads from the files `cert`
+/// and `key`.
 ///
 /// # Errors
 /// The mistake in one of the files.

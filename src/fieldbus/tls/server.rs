@@ -7,12 +7,12 @@ use tokio_rustls::rustls::{Error, InconsistentKeys, ServerConfig};
 
 use super::pem::{certificates, private_key};
 
-/// Which of the two files has a mistake, and a sentence about the mistake.
+/// File of the TLS server (certificate or key) that has a mistake, with a sentence about the mistake.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Wrong {
     /// The certificate file has a mistake; contains the message.
     Cert(String),
-    /// Mistake in the private key.
+    /// The private key file has a mistake; contains the message.
     Key(String),
 }
 

@@ -18,14 +18,14 @@ pub struct Exchange {
     /// Wall-clock time at which the request was sent.
     #[serde(serialize_with = "stamp")]
     pub asked_at: Moment,
-    /// Time from the request until the answer or the timeout.
+    /// Time from the sending of the request to the answer or the timeout.
     #[serde(rename = "took_ms", serialize_with = "millis")]
     pub took: Duration,
     /// Modbus unit or CANopen node of the device.
     pub unit: u8,
     /// Request as readable text; empty for a message that a device sent without a request.
     pub asked: String,
-    /// Sent bytes; none if there was no connection.
+    /// Sent bytes; empty if there was no connection.
     #[serde(serialize_with = "hex")]
     pub sent: Vec<u8>,
     /// Received bytes, valid or not.

@@ -83,7 +83,7 @@ async fn an_expired_certificate_of_either_end_is_told_with_what_to_do() {
     let fault = Line::new(profile(&text, directory.path())).signals().await.unwrap_err();
     assert_eq!(fault, no_session(OpcUaFault::Expired));
     let said = explain(fault);
-    assert!(said.contains("renew it at the server"), "{said}");
+    assert!(said.contains("renew the certificate at the server"), "{said}");
 }
 
 #[tokio::test]

@@ -20,7 +20,7 @@ pub use super::client::server_files::ServerFiles;
 #[cfg(feature = "opcua")]
 use super::client::wrong;
 
-/// Reads the files that `[opcua_server]` names.
+/// Reads the files that the table `[opcua_server]` of the profile names.
 ///
 /// # Errors
 /// All mistakes in these files.

@@ -75,7 +75,7 @@ const OPENING: Duration = Duration::from_secs(5);
 /// rejected logins, and record each rejected certificate.
 const AFTER_REJECTION: Duration = Duration::from_mins(5);
 
-/// Opens sessions with one OPC UA server.
+/// Opener of sessions with one OPC UA server.
 pub(super) struct OpcUaDial {
     /// URL of the server.
     url: String,
@@ -85,9 +85,9 @@ pub(super) struct OpcUaDial {
     timeout: Duration,
     /// Certificates, keys and user that the profile names; `None` if one is unusable, as [`wrong`] reports.
     files: Option<Files>,
-    /// Channel, endpoint and session of the last connection, which the next connection resumes.
+    /// Channel, endpoint and session of the last connection. The next connection resumes this session.
     known: Option<ServerState>,
-    /// Sizes of calls that the server has not refused.
+    /// Numbers of nodes in one call that the server has not refused.
     sizes: CallSizes,
     /// Whether the server no longer had the session of the previous connection when the present one was opened.
     is_forgotten: bool,
@@ -103,7 +103,7 @@ struct ServerState {
 }
 
 impl OpcUaDial {
-    /// Returns a dial for the server of this bus; `None` for any other kind of line.
+    /// Returns a connection opener (dial) for the server of this bus; `None` for any other type of bus.
     pub(super) fn new(bus: &Bus) -> Option<OpcUaDial> {
         let line = bus.opcua.as_deref()?;
         let address = host_of_url(&bus.address).to_owned();

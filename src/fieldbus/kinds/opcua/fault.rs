@@ -42,8 +42,8 @@ pub enum OpcUaFault {
     /// The server cannot prove that it has the private key of its certificate.
     #[error("the server does not prove that it has the key of its certificate")]
     NotProven,
-    /// The signed list of endpoints, received when the session is created, has a stronger endpoint than the unprotected
-    /// list before.
+    /// The signed list of endpoints has a stronger endpoint than the unprotected list, which was received earlier. An
+    /// attacker may have changed the unprotected list.
     #[error("the server offers stronger security after the login than before it")]
     Weakened,
     /// The gateway's certificate has expired.
@@ -91,18 +91,22 @@ impl OpcUaFault {
                 "allow this query at the server (often called discovery with the policy None). Sessions without \
                  security can stay switched off"
             }
-            OpcUaFault::NoEndpoint => "write what is switched on at the server",
-            OpcUaFault::NotTrusted => "`isotherm opcua trust PROFILE` shows the certificate, and adds it",
-            OpcUaFault::Expired => "renew it at the server, or correct the clock",
+            OpcUaFault::NoEndpoint => {
+                "write a `security` and a kind of `user` that are switched on at the server"
+            }
+            OpcUaFault::NotTrusted => {
+                "`isotherm opcua trust PROFILE` shows the certificate, and adds it to the trusted ones"
+            }
+            OpcUaFault::Expired => "renew the certificate at the server, or correct the clock",
             OpcUaFault::NotProven => "does another device answer instead?",
             OpcUaFault::Weakened => "does a network device change the messages?",
             OpcUaFault::OursExpired => {
-                "move it and its key away, make a new one (`isotherm opcua certificate PROFILE`), and trust it at \
-                 the server"
+                "move this certificate and its key away, make a new one (`isotherm opcua certificate PROFILE`), and \
+                 trust it at the server"
             }
             OpcUaFault::OursRefused => {
-                "add it to the trusted certificates of the server. A running gateway tries again after 5 minutes, or \
-                 at once after `isotherm restart PROFILE --keep`"
+                "add this certificate to the trusted ones of the server. A running gateway tries again after 5 \
+                 minutes, or at once after `isotherm restart PROFILE --keep`"
             }
             OpcUaFault::OurFiles => "`isotherm check` says why",
             OpcUaFault::UserRefused => {

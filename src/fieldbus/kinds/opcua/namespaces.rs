@@ -17,7 +17,7 @@ struct Table {
     known: KnownNamespaces,
     /// Namespace array of the server, as read with the last connection.
     array: Arc<[String]>,
-    /// Last location in the server's array of each index that was requested.
+    /// Last known location of each namespace in the server's array, by the requested index of the profile.
     found: BTreeMap<u16, Located>,
     /// Number of changes of `found` so far.
     changes: u64,

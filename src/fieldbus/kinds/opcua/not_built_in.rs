@@ -1,4 +1,4 @@
-//! Dial of a program that was built without OPC UA.
+//! Connection opener (dial) of a program that was built without OPC UA.
 
 use super::fault::OpcUaFault;
 use crate::fieldbus::connection::{Connection, Dial};
@@ -6,7 +6,7 @@ use crate::fieldbus::error::{Fault, LinkFault};
 use crate::fieldbus::trace::Tap;
 use crate::fieldbus::wire::Boxed;
 
-/// Dial that opens nothing.
+/// Connection opener that only returns the fault "not built in".
 pub(super) struct NotBuiltIn;
 
 impl Dial for NotBuiltIn {

@@ -14,10 +14,11 @@ use crate::fieldbus::trace::Tap;
 use crate::fieldbus::wire::Boxed;
 use isotherm_profile::{Bus, Serial, Transport};
 
-/// Data bits of text through a serial server, which has set the port.
+/// Number of data bits of the characters that a serial server passes on. The serial server itself has the settings of
+/// the port.
 const OVER_TCP: u8 = 8;
 
-/// Opens the connections of one line with text.
+/// Opener of the connections of one line with text.
 pub(super) struct TextDial {
     address: String,
     timeout: Duration,
@@ -33,7 +34,7 @@ enum TextTransport {
 }
 
 impl TextDial {
-    /// Returns a dial for the address of this bus; `None` for another type of bus.
+    /// Returns a connection opener (dial) for the address of this bus; `None` for another type of bus.
     pub(super) fn new(bus: &Bus) -> Option<TextDial> {
         let over = match bus.transport {
             Transport::Ascii { serial, data_bits } => {
@@ -74,7 +75,7 @@ impl Dial for TextDial {
         })
     }
 
-    /// A serial port resumes unless another port has its name.
+    /// Returns false if another serial port now has the path of the port that was open before.
     fn resumes(&self) -> bool {
         match &self.over {
             TextTransport::Serial { history, .. } => history.resumes(),

@@ -7,7 +7,7 @@ use std::collections::VecDeque;
 
 /// Longest line in characters. The rest of a longer line is skipped.
 pub const LONGEST: usize = 512;
-/// Control characters that pause and resume a sender.
+/// Control characters (XON and XOFF) by which a device pauses and resumes the sender.
 const XON: u8 = 0x11;
 const XOFF: u8 = 0x13;
 
@@ -21,11 +21,11 @@ enum Beginning {
 /// Bytes that have arrived, as lines of text.
 #[derive(Clone, Debug)]
 pub struct LineBuffer {
-    /// Bits of a byte that belong to its character.
+    /// Bit mask for the data bits of a received byte: 7 or 8 bits.
     mask: u8,
     beginning: Beginning,
     line: String,
-    /// Number of characters of `line`.
+    /// Number of characters in the incomplete line `line`.
     length: usize,
     whole: VecDeque<String>,
 }
@@ -51,17 +51,17 @@ impl LineBuffer {
         }
     }
 
-    /// Returns the next whole line without its end.
+    /// Removes and returns the next complete line, without its end; `None` if there is none.
     pub fn pop(&mut self) -> Option<String> {
         self.whole.pop_front()
     }
 
-    /// Returns whether a line has begun and not ended.
+    /// Returns whether a part of a line has arrived, without the end of this line.
     pub fn is_inside(&self) -> bool {
         self.length > 0
     }
 
-    /// Discards everything that has arrived. Returns the number of whole lines.
+    /// Discards everything that has arrived. Returns the number of complete lines among it.
     pub fn discard(&mut self) -> usize {
         if self.is_inside() {
             self.beginning = Beginning::Missed;

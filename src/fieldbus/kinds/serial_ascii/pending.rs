@@ -1,10 +1,10 @@
 //! Requests whose answers may still arrive. Time is an argument.
 //!
-//! A text names no request. If an answer is late, the next request with the same text may receive it. Answers arrive in
-//! the order of their requests, so the age of a value counts from the oldest open request. A request with another text
-//! waits until no answer can arrive any more. So does the first request on a new connection: the beginning of an answer
-//! may have arrived on the old one, and its rest would be another number. After the start of the program, an answer to
-//! its last run may arrive.
+//! A text does not show which request it answers. If an answer is late, the next request with the same text may receive
+//! it. Answers arrive in the order of their requests, so the age of a value counts from the oldest open request. A
+//! request with another text waits until no answer can arrive any more. The first request on a new connection waits in
+//! the same way. The beginning of an answer may have arrived on the old connection, and the rest would be another
+//! number. After the start of the program, an answer to its last run may arrive.
 
 use std::collections::VecDeque;
 use std::time::Duration;
@@ -21,14 +21,15 @@ pub struct PendingAnswers {
 }
 
 impl PendingAnswers {
-    /// Returns how long a request with this text must wait. Answers that are later than `span` are no longer expected.
+    /// Returns how long a request with this text must wait for earlier answers. An answer can arrive until `span` after
+    /// its request.
     pub fn wait_before(&mut self, request: &str, now: Moment, span: Duration) -> Duration {
         let wait = self.wait_for_all(now, span);
         if self.request == request { Duration::ZERO } else { wait }
     }
 
-    /// Returns how long an answer may still arrive. Answers that are later than `span` are no longer expected. The
-    /// program needs a part of that time for its start.
+    /// Returns how much longer answers may arrive. An answer can arrive until `span` after its request. For answers to
+    /// an earlier run of the program, half of `span` is enough, because its start has taken the rest.
     pub fn wait_for_all(&mut self, now: Moment, span: Duration) -> Duration {
         self.asked.retain(|asked| now.since(*asked) < span);
         let least = if self.has_begun { Duration::ZERO } else { span / 2 };

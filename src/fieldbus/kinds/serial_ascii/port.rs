@@ -69,8 +69,8 @@ impl TextPort {
         self.discard().await.map(|_| ())
     }
 
-    /// Waits until nothing has arrived for `span`, for at most `most`. Returns whether the line became silent; the next
-    /// character then begins a line.
+    /// Waits until nothing has arrived for `span`, but not longer than `most`. Returns true if the device became
+    /// silent. The next character then begins a line.
     pub(super) async fn wait_for_silence(&mut self, span: Duration, most: Duration) -> Result<bool, Fault> {
         let begun = Silence::begin();
         while self.receive(span).await? {
@@ -87,7 +87,7 @@ impl TextPort {
         self.port.send(text.as_bytes()).await.map_err(|_| Fault::BROKEN)
     }
 
-    /// Returns whether characters have arrived without an end of their line.
+    /// Returns whether a part of a line has arrived, without the end of this line.
     pub(super) fn is_inside_line(&self) -> bool {
         self.lines.is_inside()
     }

@@ -19,7 +19,7 @@ use isotherm_profile::{Bus, counted};
 
 /// Time for which the scan listens before it sends a request.
 const LISTEN: Duration = Duration::from_secs(2);
-/// Largest number of lines that the scan shows.
+/// Maximum number of lines of text that the scan shows.
 const MOST_LINES: usize = 4;
 /// Time within which a device answers, if the user chooses no other.
 const ANSWER: Duration = Duration::from_millis(200);
@@ -29,10 +29,10 @@ const REQUESTS: [&str; 5] = ["\u{2}", "?\r", "1\r", "GA00\r\n", "Q\r\n"];
 const LAST_ADDRESS: u8 = 0x1f;
 /// Number of characters of the checksum of DCON.
 const SUM_DIGITS: usize = 2;
-/// The `text` of a profile for a line without a number that a pattern could describe.
+/// Value of the key `text` for a profile, if the received line contains no number that a pattern could describe.
 const NO_PATTERN: &str =
     "\"{number}\"   # no pattern was found for this line: write it here, with {number} for the value";
-/// Smallest number of characters of a line that show a parity bit.
+/// Minimum length of a line in characters, from which the scan can detect a parity bit.
 const LEAST_WITH_PARITY: usize = 4;
 
 /// Result of the scan of one line.
@@ -74,7 +74,7 @@ async fn received(port: &mut TextPort, span: Duration) -> Result<Vec<Found>, Fau
     Ok(found.into_iter().map(|line| Found::Sent { line }).collect())
 }
 
-/// Returns the next lines that arrive within this time.
+/// Returns the next lines that arrive: at most `most` lines, within the time `span`.
 async fn lines(port: &mut TextPort, (most, span): (usize, Duration)) -> Result<Vec<String>, Fault> {
     let (begun, mut found) = (Silence::begin(), Vec::new());
     while found.len() < most {
@@ -84,8 +84,8 @@ async fn lines(port: &mut TextPort, (most, span): (usize, Duration)) -> Result<V
     Ok(found)
 }
 
-/// Returns the answers to usual requests, up to the first one with a value, with its further lines. Without a value,
-/// also returns the DCON modules: another device may answer a request with an error text.
+/// Sends usual requests until an answer contains a value. Returns the answers, with the further lines of the last one.
+/// Without a value, also returns the DCON modules: another device may answer a request with an error text.
 async fn answers(port: &mut TextPort, span: Duration) -> Result<Vec<Found>, Fault> {
     let mut found = Vec::new();
     for request in REQUESTS {
@@ -130,7 +130,7 @@ async fn name_of_module(
     Ok(name.and_then(|name| name.get(..name.len().checked_sub(sum)?)).map(str::to_owned))
 }
 
-/// Returns whether a line contains a number with decimals. Error texts often contain a number without.
+/// Returns whether a line contains a number with decimals. Error texts often contain a number without decimals.
 fn has_value(line: &str) -> bool {
     TextPattern::like(line).is_some_and(|pattern| pattern.has_decimals())
 }
@@ -149,7 +149,8 @@ async fn answer(port: &mut TextPort, request: &str, span: Duration) -> Result<Op
     }
 }
 
-/// Describes the results, also as lines of a profile. `is_endless`: characters have arrived without an end of a line.
+/// Describes the results of the scan, also as lines of a profile. `is_endless`: characters have arrived, but no end of
+/// a line.
 fn described(address: &str, found: &[Found], is_endless: bool) -> ScanReport {
     let mut text = String::new();
     let lines: Vec<String> = found.iter().map(Found::to_line).collect();
@@ -181,7 +182,7 @@ fn described(address: &str, found: &[Found], is_endless: bool) -> ScanReport {
 }
 
 impl Found {
-    /// Line of text for the user.
+    /// Formats the result as one line of text for the user.
     fn to_line(&self) -> String {
         match self {
             Found::Sent { line } => format!("  {} without a request\n", Quoted(line)),
@@ -193,7 +194,7 @@ impl Found {
         }
     }
 
-    /// Returns the line of a readout or a gauge.
+    /// Returns the received line of a readout or a gauge; `None` for a DCON module.
     fn line(&self) -> Option<&str> {
         match self {
             Found::Sent { line } | Found::Answered { line, .. } => Some(line),
@@ -201,7 +202,7 @@ impl Found {
         }
     }
 
-    /// Returns how well the result shows what to write in a profile.
+    /// Returns the rank of the result: the result with the highest rank becomes the example for a profile.
     fn rank(&self) -> u8 {
         match self.line() {
             Some(line) if has_value(line) => 3,
@@ -210,7 +211,7 @@ impl Found {
         }
     }
 
-    /// Returns the parity of a line whose characters have seven bits and a parity bit.
+    /// Returns the parity, if the eighth bit of the received characters is a parity bit; otherwise `None`.
     fn parity(&self) -> Option<&'static str> {
         let characters: Vec<u32> = self.line()?.chars().map(u32::from).collect();
         let has_eighth_bit = characters.iter().any(|character| (0x80..0x100).contains(character));
@@ -225,7 +226,7 @@ impl Found {
         }
     }
 
-    /// Lines of a profile for a device like this one.
+    /// Returns lines of a profile for the device that was found.
     fn profile(&self) -> String {
         let (unit, text, request) = match self {
             Found::Sent { line } => (None, like(line), String::new()),
@@ -248,7 +249,7 @@ impl Found {
     }
 }
 
-/// Returns the `text` of a profile for a line like this one.
+/// Returns the value of the key `text` in a profile: a pattern for lines like this one.
 fn like(line: &str) -> String {
     match TextPattern::like(line) {
         Some(pattern) => Quoted(&pattern.to_string()).to_string(),

@@ -4,7 +4,7 @@ use crate::fieldbus::error::{Fault, PeerFault};
 use isotherm_core::codec::TextValue;
 use isotherm_core::reading::Reason;
 
-/// Search for values in the lines that follow a request.
+/// Search for the values in the lines of text that answer a request.
 pub(super) struct Search<'a> {
     texts: &'a [TextValue],
     /// For each value: the last number in a line that matches its pattern, or its fault. `None` without such a line.
@@ -12,7 +12,7 @@ pub(super) struct Search<'a> {
     /// Request without its end, as an adapter without echo suppression returns it. Empty without a request.
     echo: &'a str,
     echoes: usize,
-    /// Number of lines that match no pattern.
+    /// Number of received lines that match no pattern.
     others: usize,
 }
 
@@ -22,7 +22,7 @@ impl<'a> Search<'a> {
         Search { texts, found: vec![None; texts.len()], echo, echoes: 0, others: 0 }
     }
 
-    /// Takes the next line.
+    /// Processes the next received line.
     pub(super) fn take(&mut self, line: &str) {
         // A request such as "1" is never taken for the value of its answer.
         if !self.echo.is_empty() && line == self.echo {
@@ -35,7 +35,8 @@ impl<'a> Search<'a> {
         }
     }
 
-    /// Returns whether the beginning of a line shows an echo. A request such as "1" may be the first digit of a number.
+    /// Returns whether the echo of the request can be recognised at the beginning of a line. A request such as "1"
+    /// cannot, because a value may begin with the same digit.
     fn is_distinct(&self) -> bool {
         self.echo
             .chars()
@@ -62,7 +63,7 @@ impl<'a> Search<'a> {
         self.found.iter().all(|found| matches!(found, Some(Ok(_))))
     }
 
-    /// Returns whether a line of the answer has arrived. An echo of the request is none.
+    /// Returns whether a line of the answer has arrived. An echo of the request does not count.
     pub(super) fn has_begun(&self) -> bool {
         self.others > 0 || self.found.iter().any(Option::is_some)
     }

@@ -34,12 +34,13 @@ const LAST_LINE: Duration = Duration::from_millis(200);
 const OWN: Duration = Duration::from_millis(250);
 /// Assumed length of an answer in characters, for its time on a serial line.
 const ANSWER: usize = 80;
-/// Number of waiting characters that the system may hand over in several parts. A port keeps 4096.
+/// Number of discarded characters from which more old text may follow, because the system may deliver it in several
+/// parts. A port stores 4096 characters.
 const BACKLOG: usize = 2048;
-/// Time in which the rest of old text arrives: from the system, or from a serial server that has kept it.
+/// Time in which the rest of old text arrives from the buffers of the system or of a serial server.
 const CATCH_UP: Duration = Duration::from_millis(50);
 
-/// State of a connection: which text may still arrive that was not asked for.
+/// State of a connection, which shows whether text may still arrive that answers no present request.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum LineState {
     /// The connection is new: a device may be sending, and old text may arrive.
@@ -66,7 +67,8 @@ impl TextWire {
         TextWire::of(TextPort::new(port, data_bits, tap), None, timeout, Arc::default())
     }
 
-    /// Returns a line on this port. `pending` are the requests on earlier connections whose answers may still arrive.
+    /// Returns a line on this port. `pending` contains the requests of earlier connections whose answers may still
+    /// arrive.
     pub(super) fn of(
         port: TextPort,
         serial: Option<Serial>,
@@ -76,7 +78,7 @@ impl TextWire {
         TextWire { port, serial, timeout, state: LineState::New, pending }
     }
 
-    /// Locks the open requests. The lock is also used after a panic in another task.
+    /// Locks the list of open requests. The lock is also used after a panic in another task.
     fn pending(&self) -> MutexGuard<'_, PendingAnswers> {
         self.pending.lock().unwrap_or_else(PoisonError::into_inner)
     }
@@ -167,7 +169,7 @@ impl TextWire {
         Ok(())
     }
 
-    /// Time of a request and its answer on the serial line.
+    /// Returns the transmission time of a request and its answer on the serial line.
     fn under_way(&self, text: &str) -> Duration {
         self.serial.map_or(Duration::ZERO, |serial| serial.bytes(text.len() + ANSWER))
     }

@@ -123,8 +123,8 @@ impl PresentSensor {
     }
 }
 
-/// Returns the temperature channels of all chips with their complete names; with `only`, those of the chips with this
-/// name.
+/// Returns the temperature channels of all chips, with their complete names. `only` limits the result to chips with
+/// this name.
 fn on_chips(root: &Path, only: Option<&str>) -> Vec<PresentSensor> {
     let hwmon = chips(&root.join("class/hwmon"), only).into_iter().flat_map(|(name, chip)| {
         let device = last_of(&chip.join("device"));
@@ -151,7 +151,8 @@ fn on_chips(root: &Path, only: Option<&str>) -> Vec<PresentSensor> {
     hwmon.chain(iio).collect()
 }
 
-/// Returns the chips of a class with their names and directories; with `only`, those with this name.
+/// Returns the names and directories of the chips in the directory `class`. `only` limits the result to chips with this
+/// name.
 fn chips(class: &Path, only: Option<&str>) -> Vec<(String, PathBuf)> {
     let named = entries(class).into_iter().filter_map(|chip| Some((text(&chip.join("name"))?, chip)));
     let is_asked_for = |name: &str| only.map_or(name != PcSensor::ONE_WIRE_IN_HWMON, |only| only == name);
@@ -174,8 +175,8 @@ fn entries(place: &Path) -> Vec<PathBuf> {
     found
 }
 
-/// Returns the names of the channels of a chip. `of` extracts a channel from a file name; `None` if the file belongs to
-/// no channel.
+/// Returns the names of the channels of a chip. `of` extracts the channel from a file name, and returns `None` for
+/// other files.
 fn channels(chip: &Path, of: impl Fn(&str) -> Option<&str>) -> Vec<String> {
     let files = entries(chip);
     let mut found: Vec<String> =
@@ -185,7 +186,7 @@ fn channels(chip: &Path, of: impl Fn(&str) -> Option<&str>) -> Vec<String> {
     found
 }
 
-/// Returns the last component of the target of the link `path`.
+/// Returns the last component of the path to which the symbolic link `path` points.
 fn last_of(path: &Path) -> Option<String> {
     name_of(&path.canonicalize().ok()?)
 }

@@ -12,14 +12,14 @@ use isotherm_core::reading::Reason;
 
 /// Maximum number of bytes that are read from a file.
 const LONGEST: u64 = 4096;
-/// Number of bytes of a 1-Wire thermometer's memory, with its checksum.
+/// Number of bytes in the memory of a 1-Wire thermometer, including the checksum.
 const SCRATCHPAD: usize = 9;
 /// Value in m°C that a 1-Wire sensor has after power-on, before its first measurement.
 const POWER_ON: f64 = 85_000.0;
 /// Measuring range of a 1-Wire sensor in m°C. A sensor without enough power reports 127.94 °C, which is outside.
 const MEASURES: (f64, f64) = (-55_000.0, 125_000.0);
-/// Linux error numbers for a device that was removed. [`NOTHING_NOW`] has those for a device without a value at
-/// present.
+/// Linux error numbers for a device that was removed. [`NOTHING_NOW`] has the error numbers for a device that has no
+/// value at present.
 const GONE: [i32; 2] = [6, 19];
 const NOTHING_NOW: [i32; 3] = [11, 16, 61];
 

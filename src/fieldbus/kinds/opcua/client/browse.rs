@@ -31,7 +31,7 @@ use crate::fieldbus::kinds::opcua::fault::OpcUaFault;
 const AT_ONCE: usize = 500;
 /// Node classes to list, as bits: objects (1) and variables (2). Methods and types have no value to read.
 const CLASSES: u32 = 1 | 2;
-/// Result mask of a browse request: all fields of a reference.
+/// Result mask of a browse request: the server returns all fields of a reference.
 const FIELDS: u32 = 63;
 const VARIABLE: i32 = 2;
 const SCALAR: i32 = -1;
@@ -55,7 +55,7 @@ pub struct Browser {
     link: Link,
     session: Session,
     timeout: Duration,
-    /// Maximum number of attributes that the server accepts in one call.
+    /// Maximum number of attributes that the server accepts in one read call.
     most: usize,
 }
 
@@ -71,7 +71,7 @@ pub struct Described {
     /// Value and type, if the node is a variable.
     #[serde(flatten)]
     pub variable: Option<Value>,
-    /// Status of the value; or the reason why the attributes cannot be read.
+    /// Status of the value, or of the attributes if these cannot be read.
     #[serde(serialize_with = "in_text")]
     pub status: Status,
 }
@@ -79,9 +79,9 @@ pub struct Described {
 /// Value and type of a variable.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Value {
-    /// Type by its OPC UA name, for example `Double`; empty if it is unknown.
+    /// Name of the type in OPC UA, for example `Double`; empty if the type is unknown.
     pub kind: String,
-    /// Type by its name in a profile; `None` if the value is no number.
+    /// Name of the type in a profile; `None` if the value is no number.
     #[serde(rename = "type", serialize_with = "in_a_word")]
     pub data_type: Option<DataType>,
     /// Whether the variable is an array.
@@ -99,7 +99,7 @@ pub struct Value {
 pub struct Tree {
     /// First node, followed by its descendants in depth-first order.
     pub nodes: Vec<Described>,
-    /// Whether the server has more nodes below than were listed.
+    /// Whether the list is incomplete, because the server has more nodes below the first one.
     pub is_cut: bool,
     /// Namespace URIs of the nodes by index, except the namespace of OPC UA itself.
     pub namespaces: BTreeMap<u16, String>,
@@ -223,7 +223,7 @@ impl Browser {
         self.link.close().await;
     }
 
-    /// Returns at most `room` child nodes of a node, and whether the server has more.
+    /// Returns at most `room` child nodes of a node. The `bool` is true if the server has more of them.
     async fn below(&mut self, id: &NodeId, room: usize) -> Result<(Vec<NodeId>, bool), Fault> {
         let browse = BrowseDescription {
             node_id: id.clone(),

@@ -19,11 +19,11 @@ pub(super) enum Service {
     Publish,
 }
 
-/// Refusal of a call because of its size.
+/// Refusal of a call because the call is too large for the server.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum SizeRefusal {
-    /// The server, or the library before it sent the call, has refused the call with this status. The connection can
-    /// be used.
+    /// The server has refused the call with this status, or the library before sending. The connection can still be
+    /// used.
     Answered(StatusCode),
     /// The server has closed the connection.
     Closed,
@@ -46,7 +46,8 @@ pub(super) fn size_refusal(error: &Error) -> Option<SizeRefusal> {
     }
 }
 
-/// Largest number of nodes in one call of each service, as learnt from refusals. Clones share their content.
+/// Maximum number of nodes in one call of each service, learned from refusals of the server. Clones share their
+/// content.
 #[derive(Clone, Debug, Default)]
 pub(super) struct CallSizes(Arc<Mutex<Learnt>>);
 
@@ -68,12 +69,13 @@ impl Learnt {
 }
 
 impl CallSizes {
-    /// Returns the largest number of nodes in one call; `None` if no call was refused.
+    /// Returns the maximum number of nodes in one call; `None` if the server has not refused any call because of its
+    /// size.
     pub(super) fn most(&self, service: Service) -> Option<usize> {
         *self.0.lock().unwrap_or_else(PoisonError::into_inner).of(service)
     }
 
-    /// Returns the number of nodes of the next call, if up to `count` nodes could be in it.
+    /// Returns the number of nodes for the next call: `count`, or less if the server has refused larger calls.
     pub(super) fn next(&self, service: Service, count: usize) -> usize {
         self.most(service).map_or(count, |most| most.min(count))
     }
@@ -91,7 +93,7 @@ impl CallSizes {
         true
     }
 
-    /// Forgets the size of the calls of this service, because the refusals had another cause.
+    /// Forgets the learned call size of this service, because the refusals had another cause.
     pub(super) fn forget(&self, service: Service) {
         *self.0.lock().unwrap_or_else(PoisonError::into_inner).of(service) = None;
     }

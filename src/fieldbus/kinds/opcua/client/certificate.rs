@@ -32,7 +32,7 @@ use super::files::{application, certificate};
 /// Key length in bits. Every supported security policy accepts it, and even the computer of a small control can process
 /// it.
 const KEY_BITS: usize = 2048;
-/// Time by which the start of the validity is earlier than the creation, because the clock of a control may be slow.
+/// Time by which a new certificate is valid before its creation, because the clock of a control may be slow.
 const EARLIER: Duration = Duration::from_hours(24);
 /// Object identifier of the extended key usage "TLS client authentication", which OPC UA requires of a client.
 const OF_A_CLIENT: ObjectIdentifier = ObjectIdentifier::new_unwrap("1.3.6.1.5.5.7.3.2");
@@ -151,7 +151,7 @@ impl Certificate {
         }
     }
 
-    /// Formats the dates of validity, and the days that are left.
+    /// Formats the period of validity of the certificate, and the number of days that are left.
     fn validity(&self, now: Moment) -> String {
         const DAY: Duration = Duration::from_hours(24);
         let day = |moment: Moment| moment.to_string().chars().take(10).collect::<String>();
@@ -186,7 +186,7 @@ impl Certificate {
     }
 }
 
-/// Formats hexadecimal digits in pairs: `5F3A…` as `5F:3A:…`.
+/// Formats hexadecimal digits in pairs with colons, for example `5F3A…` as `5F:3A:…`.
 fn in_pairs(digits: &str) -> String {
     let digits = digits.to_uppercase();
     let pairs = digits.as_bytes().chunks(2).map(String::from_utf8_lossy);

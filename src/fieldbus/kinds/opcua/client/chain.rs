@@ -10,14 +10,16 @@ use ::opcua::types::{ByteString, EndpointDescription};
 use x509_cert::Certificate;
 use x509_cert::der::{Decode, Reader, SliceReader};
 
-/// First bytes of the answer to the opening of a channel: its type, and the mark of a complete message.
+/// First bytes of the server's answer when a channel is opened: message type `OPN`, and the mark `F` of a complete
+/// message.
 const OPENED: &[u8] = b"OPNF";
 /// Length in bytes of the type, the length and the number of the channel, with which each message begins.
 const HEADER: usize = 12;
-/// Largest length in bytes of a key for which one byte contains the length of the padding. A longer key needs two.
+/// Maximum length of a key in bytes up to which one byte contains the length of the padding. A longer key needs two
+/// bytes.
 const LONG_KEY: usize = 256;
 
-/// Returns the first of several certificates in DER form; `None` if it is unreadable.
+/// Returns the first certificate of a chain in DER form; `None` if it is unreadable.
 pub(super) fn leaf(bytes: &[u8]) -> Option<&[u8]> {
     let mut reader = SliceReader::new(bytes).ok()?;
     Certificate::decode(&mut reader).ok()?;
@@ -25,7 +27,8 @@ pub(super) fn leaf(bytes: &[u8]) -> Option<&[u8]> {
     bytes.get(..end)
 }
 
-/// Returns the endpoint with the server's certificate alone. If the certificate is unreadable, the result has none.
+/// Returns the endpoint with the server's own certificate only, without its chain. If the certificate is unreadable,
+/// the result has no certificate.
 pub(super) fn without_chain(endpoint: EndpointDescription) -> EndpointDescription {
     let own = leaf(endpoint.server_certificate.as_ref());
     let server_certificate = own.map_or_else(ByteString::null, |own| own.to_vec().into());
@@ -101,8 +104,8 @@ fn field<'m>(rest: &mut &'m [u8]) -> Option<&'m [u8]> {
     Some(field)
 }
 
-/// Returns the number of bytes at the end of the content that only fill it up to whole blocks. `key` is the length of
-/// the receiver's key in bytes.
+/// Returns the number of padding bytes at the end of decrypted content. `key` is the length of the receiver's key in
+/// bytes.
 fn padding(padded: &[u8], key: usize) -> Option<usize> {
     let (high, before) = padded.split_last()?;
     if key <= LONG_KEY {

@@ -64,7 +64,7 @@ pub(super) fn secured(endpoint: &EndpointDescription) -> AsyncSecureChannel {
     AsyncSecureChannel::new(store, info, never, true, Arc::default(), config, LIFETIME, context)
 }
 
-/// Open socket, with the certificate that the gateway sends on it.
+/// Open socket of a channel, with the certificate that the gateway sends on it.
 pub(super) struct Socket {
     url: String,
     stream: Mutex<Option<TcpStream>>,
@@ -96,7 +96,7 @@ impl Socket {
         Socket { url: url.to_owned(), stream, own: own.cloned(), state, peer: Arc::new(peer) }
     }
 
-    /// Returns the reply of the server to the opening of the connection.
+    /// Returns the first reply of the server on this connection, as far as it has arrived.
     pub(super) fn reply(&self) -> Reply {
         self.peer.reply()
     }
@@ -107,7 +107,7 @@ impl Socket {
 
     fn take(&self) -> Result<TcpStream, Error> {
         let stream = self.stream.lock().unwrap_or_else(PoisonError::into_inner).take();
-        stream.ok_or_else(|| Error::new(StatusCode::BadNotConnected, "the socket has been taken"))
+        stream.ok_or_else(|| Error::new(StatusCode::BadNotConnected, "the channel already uses the socket"))
     }
 }
 
@@ -148,7 +148,7 @@ pub(super) struct Link {
     pub(super) channel: Arc<AsyncSecureChannel>,
     events: SecureChannelEventLoop<Transport>,
     state: Arc<SecureChannelState>,
-    /// Whether the library has panicked in this channel, so that the channel must not be used again.
+    /// Whether the OPC UA library has panicked in this channel. The channel must then not be used again.
     is_broken: bool,
 }
 
@@ -165,7 +165,7 @@ impl Link {
         Ok(Link { channel, events, state, is_broken: false })
     }
 
-    /// Waits for an answer. While it waits, it processes the events of the socket.
+    /// Waits for an answer of the server. Meanwhile, it processes the events of the socket.
     pub(super) async fn ask<T>(
         &mut self,
         answer: impl Future<Output = Result<T, Error>>,

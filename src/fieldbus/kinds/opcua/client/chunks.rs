@@ -38,7 +38,7 @@ pub(super) enum Reply {
     NotSigned,
 }
 
-/// Other end of a connection: its reply, and the opener of its answers.
+/// State of the other end of a connection: its first reply, and the opener of its secured answers.
 #[derive(Default)]
 pub(super) struct Peer {
     reply: Mutex<Reply>,
@@ -93,7 +93,7 @@ pub(super) struct Chunks<R> {
     inner: R,
     longest: usize,
     peer: Arc<Peer>,
-    /// Bytes of a chunk that has not arrived completely.
+    /// Received bytes of a chunk that is not complete yet.
     incomplete: Vec<u8>,
     /// Complete chunks, and the number of their bytes that the library has read.
     complete: Vec<u8>,

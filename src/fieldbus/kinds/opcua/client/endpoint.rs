@@ -11,8 +11,8 @@ use super::user_kind;
 const POLICIES: [SecurityPolicy; 3] =
     [SecurityPolicy::Aes256Sha256RsaPss, SecurityPolicy::Aes128Sha256RsaOaep, SecurityPolicy::Basic256Sha256];
 
-/// Returns the strongest endpoint with this security that accepts this kind of user. The result has only the strongest
-/// method to log in. Returns `None` if no endpoint fits.
+/// Returns the strongest endpoint with this security that accepts this kind of user. The result contains only its
+/// strongest login method. Returns `None` if no endpoint fits.
 pub(super) fn choose(
     endpoints: Vec<EndpointDescription>,
     security: Security,
@@ -29,8 +29,9 @@ pub(super) fn choose(
     ranked.min_by_key(|(rank, _)| *rank).map(|(_, endpoint)| endpoint)
 }
 
-/// Returns the strongest method by which this user can log in at the endpoint, and its rank (0 is the strongest). A
-/// method that names no policy uses that of the endpoint (OPC UA Part 4, UserTokenPolicy); the library would use none.
+/// Returns the rank of the strongest login method for this user at the endpoint (0 is the strongest), and the method.
+/// If the method names no security policy, it gets that of the endpoint (OPC UA Part 4, UserTokenPolicy). The library
+/// would use no security.
 fn token(endpoint: &EndpointDescription, user: &IdentityToken) -> Option<(usize, UserTokenPolicy)> {
     let kind = user_kind(user);
     let offered = endpoint.user_identity_tokens.iter().flatten().filter(|token| token.token_type == kind);
@@ -55,9 +56,9 @@ fn token(endpoint: &EndpointDescription, user: &IdentityToken) -> Option<(usize,
     ranked.min_by_key(|(strength, _)| *strength)
 }
 
-/// Returns whether the signed list of endpoints leads to the same choice. The first list was requested without
-/// protection, so an attacker may have removed stronger endpoints from it. A signed list without a fitting endpoint is
-/// accepted.
+/// Returns whether the signed list of endpoints leads to the same choice of endpoint. The first list was requested
+/// without protection, so an attacker may have removed stronger endpoints from it. A signed list without a fitting
+/// endpoint is accepted.
 pub(super) fn is_confirmed(
     chosen: &EndpointDescription,
     signed: Vec<EndpointDescription>,

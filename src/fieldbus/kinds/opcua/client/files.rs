@@ -107,7 +107,7 @@ fn in_its_time(cert: &X509) -> Result<(), OpcUaFault> {
     }
 }
 
-/// Returns a certificate with its private key. Adds mistakes to `wrong`, and then returns `None`.
+/// Reads a certificate and its private key. If a file has a mistake, adds the mistake to `wrong` and returns `None`.
 pub(super) fn pair(
     cert: &NamedFile,
     key: &NamedFile,

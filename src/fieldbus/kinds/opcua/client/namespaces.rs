@@ -20,8 +20,8 @@ pub(super) struct Namespaces {
 }
 
 impl Namespaces {
-    /// Reads the NamespaceArray of the server. If `array` is no list of texts, no URI is known. Then only nodes that
-    /// are named by an index are found, and only if no URI is stored for that index.
+    /// Reads the NamespaceArray of the server. If `array` is no list of texts, no URI is known. The gateway then finds
+    /// only nodes whose namespace the profile names by an index, if no URI is stored for that index.
     pub(super) fn of(array: Option<&Variant>, table: &NamespaceTable) -> Namespaces {
         let uri = |value: &Variant| match value {
             Variant::String(uri) => uri.as_ref().to_owned(),

@@ -1,4 +1,4 @@
-//! Endpoints of a server, as it lists them without a login.
+//! Endpoints that a server lists without a login.
 
 use std::time::Duration;
 
@@ -16,7 +16,8 @@ use crate::fieldbus::error::Fault;
 pub struct Offer {
     /// URL of the endpoint, as the server reports it.
     pub url: String,
-    /// Value of `security` in a profile that matches this endpoint; `None` if OPC UA does not define its mode.
+    /// Matching value of the key `security` in a profile; `None` if OPC UA does not define the security mode of this
+    /// endpoint.
     pub security: Option<Security>,
     /// Security policy, for example `Basic256Sha256`.
     pub policy: String,

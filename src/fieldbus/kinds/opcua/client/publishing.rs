@@ -30,7 +30,8 @@ pub(super) struct Publishing {
 
 enum State {
     Sent(Subscribed),
-    /// The server refuses the subscription, or its values would be too old. The line polls the nodes instead.
+    /// The server refuses the subscription, or the values of the subscription would be too old. The line polls the
+    /// nodes instead.
     Refused,
 }
 
@@ -46,9 +47,9 @@ pub(super) enum Latest {
     Known(Vec<NodeReading>),
     /// Some values are not known: the line must read the nodes.
     Unknown,
-    /// The nodes are not subscribed to yet, or must be subscribed to again.
+    /// No subscription contains the nodes: the line must subscribe to them, possibly again.
     New,
-    /// The server has not sent a message within the promised time.
+    /// The server has sent no message within the period that it promised.
     Silent,
 }
 
@@ -209,7 +210,8 @@ impl Publishing {
         }
     }
 
-    /// Returns whether the line may have to subscribe to the nodes, which takes longer than an answer.
+    /// Returns whether the next request may take longer than an answer, because the line may have to subscribe to the
+    /// nodes.
     pub(super) fn may_take_long(&self, asked: &Subscription) -> bool {
         let is_whole = |state: &State| !state.sent().is_some_and(|sent| sent.lacks);
         !self.of.iter().any(|(of, state)| of == asked && is_whole(state))

@@ -54,8 +54,8 @@ fn table(offers: &[Offer]) -> String {
     lines.collect()
 }
 
-/// Returns the strongest security with which the gateway could log in to the server with some kind of user; `None` if
-/// there is none.
+/// Returns the strongest security mode with which the gateway could log in to the server, with any kind of user; `None`
+/// if there is none.
 fn strongest(offers: &[Offer]) -> Option<Security> {
     let order = [Security::SignAndEncrypt, Security::Sign, Security::None];
     let offered = |security: &Security| {

@@ -41,7 +41,7 @@ pub(super) struct Session {
     sizes: CallSizes,
 }
 
-/// Data of a session at the server.
+/// Data of a session that exists at the server.
 #[derive(Clone)]
 struct ServerSession {
     /// Authentication token, which each request of the session contains.
@@ -95,7 +95,8 @@ pub(super) fn header(token: &NodeId, handle: u32, timeout: Duration) -> RequestH
     RequestHeader { timeout_hint, ..RequestHeader::new(token, &DateTime::now(), handle) }
 }
 
-/// Returns the error of a message that is not the expected answer: the status of the server, if the message has one.
+/// Returns the error for a message that is not the expected answer. The error contains the status of the server, if the
+/// message has one.
 pub(super) fn refused(answer: &ResponseMessage) -> Error {
     let status = match answer {
         ResponseMessage::ServiceFault(fault) => fault.response_header.service_result,
@@ -105,18 +106,18 @@ pub(super) fn refused(answer: &ResponseMessage) -> Error {
 }
 
 impl Session {
-    /// Returns a session of this application that does not exist at the server yet. `sizes` are the sizes of calls that
-    /// earlier sessions have learnt.
+    /// Returns the local state of a session that does not exist at the server yet. `sizes` are the call sizes that
+    /// earlier sessions have learned.
     pub(super) fn none(application: String, timeout: Duration, sizes: CallSizes) -> Session {
         Session { application, timeout, held: Arc::default(), sizes }
     }
 
-    /// Returns the sizes of calls that the server has not refused.
+    /// Returns the numbers of nodes in one call that the server has not refused.
     pub(super) fn sizes(&self) -> &CallSizes {
         &self.sizes
     }
 
-    /// Returns whether the gateway has a session at the server and knows of no end of it.
+    /// Returns whether the session exists at the server, as far as the gateway knows.
     pub(super) fn is_alive(&self) -> bool {
         self.held().is_some()
     }
@@ -139,7 +140,7 @@ impl Session {
         call_fault(error)
     }
 
-    /// Processes the error of a Read call of `count` nodes. If the call was too large, the next one has half of the
+    /// Processes the error of a Read call of `count` nodes. If the call was too large, the next call gets half of the
     /// nodes, and the result is `None`. For a single node that is too large, the result is a value with the status of
     /// the server.
     ///
@@ -296,7 +297,7 @@ impl Session {
         Ok(most.unwrap_or(usize::MAX))
     }
 
-    /// Reads the namespaces of the server, and sets them in `table`.
+    /// Reads the namespaces of the server, and stores them in `table`.
     pub(super) async fn read_namespaces(&self, link: &mut Link, table: &NamespaceTable) -> Result<(), Error> {
         let array = self.value(link, VariableId::Server_NamespaceArray).await;
         let namespaces = Namespaces::of(array?.as_ref(), table);
@@ -321,7 +322,7 @@ impl Session {
         Ok(found.into_iter().next().and_then(|found| found.value))
     }
 
-    /// Records a new subscription of this session.
+    /// Records the number of a new subscription of this session.
     pub(super) fn subscribes(&self, id: u32) {
         if let Some(held) = self.lock().as_mut() {
             held.subscriptions.push(id);
@@ -333,7 +334,7 @@ impl Session {
         self.held().map_or_else(Vec::new, |held| held.subscriptions)
     }
 
-    /// Records that these subscriptions were deleted.
+    /// Records that the subscriptions with these numbers were deleted.
     pub(super) fn forgets(&self, ids: &[u32]) {
         if let Some(held) = self.lock().as_mut() {
             held.subscriptions.retain(|id| !ids.contains(id));
@@ -374,7 +375,7 @@ pub(super) fn answered(answer: ReadResponse, count: usize) -> Result<(Vec<DataVa
     }
 }
 
-/// Returns the read request for the value of a node.
+/// Returns the item of a Read call that reads the value of this node.
 pub(super) fn value_of(node_id: NodeId) -> ReadValueId {
     ReadValueId {
         node_id,

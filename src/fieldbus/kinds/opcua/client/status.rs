@@ -147,8 +147,8 @@ pub(super) fn call_fault(error: &Error) -> Fault {
     }
 }
 
-/// Returns the result of a call that wrote several nodes, from the status of each. The result is `Done` if every node
-/// was written. [`Outcome::NotDone`] requires that every status proves that its node was not written.
+/// Returns the result of a call that wrote several nodes, from the status of each node. The result is `Done` if every
+/// node was written. [`Outcome::NotDone`] requires that every status proves that its node was not written.
 pub(super) fn all_written(said: &[Status]) -> Result<Answer, Fault> {
     let mut refused = said.iter().zip(1..).filter(|(status, _)| !status.is_good());
     let Some((&status, place)) = refused.clone().next() else { return Ok(Answer::Done) };

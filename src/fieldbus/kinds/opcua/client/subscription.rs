@@ -38,7 +38,8 @@ const AT_ONCE: usize = 100;
 const LIFETIME: Duration = Duration::from_secs(60);
 /// Minimum of [`LIFETIME`], in publishing intervals.
 const LEAST: u32 = 30;
-/// Pause before the line subscribes again because some nodes were missing. The server may have them by then.
+/// Pause before the line subscribes again because the server did not have some nodes. After the pause, the server may
+/// have them.
 const AGAIN: Duration = Duration::from_secs(60);
 
 /// Subscription that exists at the server.
@@ -49,9 +50,10 @@ pub(super) struct Subscribed {
     values: Vec<Option<DataValue>>,
     /// Expected number of the next message with values; `None` before the first message.
     next: Option<u32>,
-    /// Last message after which the server had nothing more to send; `None` before it.
+    /// Last message after which the server had nothing more to send, so that all values were current; `None` before
+    /// such a message.
     confirmed: Option<Confirmed>,
-    /// Time of the last message. `made` is the time at which the subscription was created.
+    /// Time at which the last message arrived. `made` is the time at which the subscription was created.
     heard: Moment,
     made: Moment,
     /// Whether the server does not have some of the nodes.
@@ -69,7 +71,7 @@ pub(super) struct Subscribed {
 /// Message after which the values of all nodes are current.
 #[derive(Clone, Copy)]
 struct Confirmed {
-    /// Time at which the Publish request of the message was sent.
+    /// Time at which the Publish request was sent that the message answers.
     asked: Moment,
     /// Time at which the server sent the message, by the server's clock. `lay` is the time that the message waited at
     /// the server before that.
@@ -106,7 +108,7 @@ impl Revised {
         Revised { interval, alive, sampling: Duration::ZERO }
     }
 
-    /// Returns a sentence if the server sends or samples more slowly than requested; otherwise `None`.
+    /// Returns a sentence for the user if the server sends or samples more slowly than requested; otherwise `None`.
     pub(super) fn news(&self, asked: &Subscription) -> Option<String> {
         let is_slower = |span: Duration| span > asked.every + asked.every / 10;
         if is_slower(self.interval) {
@@ -254,7 +256,7 @@ async fn monitor(
     }
 }
 
-/// Returns a count as OPC UA transmits it.
+/// Converts a count to the 32-bit number that OPC UA transmits.
 fn number(count: usize) -> u32 {
     u32::try_from(count).unwrap_or(u32::MAX)
 }
@@ -271,7 +273,8 @@ fn is_of_the_subscription(status: StatusCode) -> bool {
     )
 }
 
-/// Returns the request to monitor one node, with a queue of its newest value. `place` identifies the node in messages.
+/// Returns the request to monitor one node. The server keeps only the newest value in its queue. `place` is the number
+/// of the node in messages.
 fn item(node: NodeId, place: usize, asked: &Subscription) -> Option<MonitoredItemCreateRequest> {
     let trigger =
         if asked.by_stamp { DataChangeTrigger::StatusValueTimestamp } else { DataChangeTrigger::StatusValue };

@@ -1,4 +1,4 @@
-//! Readings from the values of the library.
+//! Conversion of values of the OPC UA library to readings of the gateway.
 
 use std::time::Duration;
 
@@ -9,7 +9,7 @@ use isotherm_core::reading::{Reason, Status};
 use crate::fieldbus::kinds::opcua::conversion::scalar;
 use crate::fieldbus::wire::{NodeReading, Stamped};
 
-/// Largest time difference between two clocks that both count as correct.
+/// Maximum difference between two clocks up to which both count as correct.
 const APART: Duration = Duration::from_secs(1);
 /// Number of ticks of OPC UA time in a second; one tick is 100 ns.
 const TICKS: u64 = 10_000_000;
@@ -35,8 +35,8 @@ pub(super) fn without_value(status: StatusCode) -> DataValue {
     DataValue { status: Some(status), ..DataValue::null() }
 }
 
-/// Returns the time between two stamps, which are in ticks. `source` may be slightly later than `server`, because their
-/// clocks differ.
+/// Returns the age of a value: the time from the stamp `source` to the stamp `server`, both in ticks. `source` may be
+/// slightly later than `server`, because the two clocks differ.
 pub(super) fn since(source: i64, server: i64) -> Stamped {
     let ticks = source.abs_diff(server);
     let apart = Duration::from_secs(ticks / TICKS) + Duration::from_nanos(100 * (ticks % TICKS));
@@ -56,7 +56,8 @@ fn element<'v>(node: &Node, value: &'v Variant) -> Result<&'v Variant, Reason> {
     place.and_then(|place| array.values.get(place)).ok_or(Reason::NoElement)
 }
 
-/// Returns the number in the value of a node. A text that is a number is one only for a node without a type.
+/// Returns the number in the value of a node. A text that contains a number is accepted only if the profile states no
+/// type for the node.
 fn number(node: &Node, value: &Variant) -> Result<Scalar, Reason> {
     let of_text = |value: &Variant| match value {
         Variant::String(text) => number_in(text.as_ref()),

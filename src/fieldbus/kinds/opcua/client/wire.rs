@@ -160,8 +160,8 @@ impl OpcUa {
         self.link.ask(read.send(&channel)).await
     }
 
-    /// Renews the keys of the channel, if that is due. The library would otherwise renew them after the last clock
-    /// sample, and so delay the request itself.
+    /// Renews the keys of the channel, if that is due. Otherwise the library would renew them after the check of the
+    /// send deadline, and delay the request.
     async fn renew_keys(&mut self) -> Result<(), Fault> {
         let state = value_of(VariableId::Server_ServerStatus_State.into());
         let renewed = self.call(vec![state], TimestampsToReturn::Neither).await;
@@ -169,8 +169,8 @@ impl OpcUa {
     }
 }
 
-/// Returns the nodes to request, and for each node the place of its value among them. The elements of an array share one
-/// request. A node without an id is not requested.
+/// Returns the nodes to request, and for each node of the profile the index of its value among them. All elements of an
+/// array share one entry. A node without an id is not requested, and gets `None`.
 fn distinct(nodes: &[Node], known: &[Option<NodeId>]) -> (Vec<NodeId>, Vec<Option<usize>>) {
     let (mut ids, mut arrays): (Vec<NodeId>, Vec<usize>) = (Vec::with_capacity(nodes.len()), Vec::new());
     let places = nodes.iter().zip(known).map(|(node, id)| {
@@ -218,8 +218,8 @@ impl Wire for OpcUa {
         self.publishing.news()
     }
 
-    /// Returns [`Ending::Kept`]: if the server was exchanged or restarted, it no longer has the session. The next
-    /// connection detects this break.
+    /// Returns [`Ending::Kept`]. An exchanged or restarted server no longer has the session, which the next connection
+    /// detects.
     fn ending(&mut self) -> Ending {
         Ending::Kept
     }
