@@ -123,9 +123,8 @@ async fn send(
     }
 }
 
-/// Tests the Modbus buses of a profile on which no device answers. Calls `begins` with the bus and the device before
-/// the part of a test that takes long. Returns the devices that need a setting, and those on a line that returns each
-/// request.
+/// Tests the Modbus buses of a profile on which no device answers. Calls `begins` before a test of a device that takes
+/// long. Returns the devices that need a quirk in the profile, and the devices on a line that returns each request.
 pub async fn examined(profile: &Profile, begins: impl Fn(&Bus, &Device)) -> Vec<NewConnectionAdvice> {
     let mut found = Vec::new();
     for (place, bus) in profile.buses.iter().enumerate() {

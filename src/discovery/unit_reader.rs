@@ -81,8 +81,8 @@ impl UnitReader {
         self.line.iter_mut().for_each(DeviceLine::hang_up);
     }
 
-    /// Returns whether the last request itself came back, and nothing else arrived before its timeout. Returns `false`
-    /// if the connection was closed after the timeout, as after two timeouts in a row.
+    /// Returns whether the gateway received its own last request, and nothing else before the timeout. Returns `false`
+    /// if the connection was closed after the timeout, for example after two timeouts in a row.
     pub fn has_come_back(&mut self) -> bool {
         self.line.as_mut().is_some_and(DeviceLine::has_come_back)
     }

@@ -12,7 +12,7 @@ use super::send_guard::SendGuard;
 use super::trace::Tap;
 use super::wire::{Answer, Boxed, Request, Wire};
 
-/// Opens the connections of one line, one after the other.
+/// Opener of the connections of one line, one after the other.
 pub trait Dial: Send {
     /// Opens a connection; there is no time limit. `tap` receives the bytes of the connection, for the log of its
     /// frames. Some transports have no bytes to log.

@@ -115,7 +115,7 @@ pub enum LinkFault {
     /// The connection was closed before its first answer.
     #[error("the connection was closed before the first answer")]
     TurnedAway,
-    /// The connection is closed repeatedly, soon after it was opened.
+    /// The other end closes each connection soon after it was opened.
     #[error("the other end closes the connection again and again")]
     Contested,
     /// The TLS handshake failed.
@@ -372,7 +372,7 @@ impl Fault {
         }
     }
 
-    /// Returns whether the line has no connection, so that the fault does not concern a single device.
+    /// Returns whether the fault is one of the whole line, which has no connection, and not of a single device.
     pub const fn is_of_the_line(self) -> bool {
         matches!(self, Fault::Link(fault) if !matches!(fault, LinkFault::Broken))
     }

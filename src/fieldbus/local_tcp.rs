@@ -26,8 +26,9 @@ pub(super) struct LocalTcp {
     is_local: bool,
     /// Number of attempts in a row to read at once that found no answer.
     in_vain: u32,
-    /// Whether a request was sent, and no attempt to read its answer at once was made yet. After one attempt the stream
-    /// waits in the event queue, so that a peer that never stops sending blocks no other task.
+    /// Whether the next read may be tried at once: a request was sent, and no such attempt was made for its answer.
+    /// After one attempt the stream waits in the event queue, so that a peer that never stops sending blocks no other
+    /// task.
     has_asked: bool,
 }
 

@@ -60,7 +60,7 @@ pub trait Wire: Send {
         Ending::Lost
     }
 
-    /// Closes the connection in an orderly way, if the other end keeps state for it.
+    /// Closes the connection in an orderly way, if the other end keeps a session for it.
     fn close(&mut self) -> Boxed<'_, ()> {
         Box::pin(std::future::ready(()))
     }

@@ -6,7 +6,8 @@
 
 use crate::fieldbus::wire::Ending;
 
-/// Number of connections in a row that the server must close after one answer each, before this counts as its habit.
+/// Number of consecutive connections that the server must close after one answer each, before this counts as a habit of
+/// the server.
 const IN_A_ROW: u32 = 3;
 
 /// Number of consecutive connections that the server closed in an orderly way after one answer, up to the last one.

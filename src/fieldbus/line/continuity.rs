@@ -21,7 +21,7 @@ const HABIT: Duration = Duration::from_secs(3600);
 const SILENCE: Duration = Duration::from_secs(3);
 
 impl DeviceLine {
-    /// Returns whether the device has checks, and has not passed them since contact with it was last broken.
+    /// Returns whether the device has checks, and has not passed them since the last loss of contact.
     pub(super) fn is_unverified(&self, place: usize) -> bool {
         let unit = self.units.at(place);
         unit.is_checked && self.observer.as_ref().is_some_and(|observer| !observer.is_verified(unit.device))
@@ -44,13 +44,13 @@ impl DeviceLine {
         }
     }
 
-    /// Reports to the observer that contact with the devices of this unit number was broken.
+    /// Reports to the observer that contact with the devices of this unit number was lost.
     pub(super) fn unit_breaks(&self, number: u8, cause: Break) {
         let Some(observer) = &self.observer else { return };
         self.units.named(number).for_each(|device| observer.breaks(Some(device), cause));
     }
 
-    /// Reports to the observer that contact with all devices of the line was broken.
+    /// Reports to the observer that contact with all devices of the line was lost.
     pub(super) fn all_break(&self, cause: Break) {
         let Some(observer) = &self.observer else { return };
         observer.breaks(None, cause);

@@ -227,8 +227,8 @@ impl DeviceLine {
         }
     }
 
-    /// Reports to the observer that the timeout of the Modbus gateway is longer than that of the line. The report is
-    /// repeated if the timeout changes.
+    /// Reports to the observer that the own timeout of the Modbus gateway is longer than the timeout of the line. The
+    /// report is repeated if the timeout of the Modbus gateway changes.
     fn report_longer_timeout(&mut self) {
         if let (Some(own), Some(observer)) = (self.gateway.news(self.timeout), &self.observer) {
             observer.waits_for_gateway(own);

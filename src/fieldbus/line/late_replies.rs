@@ -61,7 +61,7 @@ impl DeviceLine {
         Ok(())
     }
 
-    /// Records that the unit has not answered a request in time. The answer may still arrive.
+    /// Records that the unit has not answered `request` in time. The answer may still arrive late.
     pub(super) fn note_miss(&mut self, place: usize, request: Request<'_>, fault: Fault, now: Moment) {
         let asked = self.send_guard.asked().unwrap_or(now);
         // The Modbus gateway has its own timeout. The late answer may arrive for some time after that timeout.

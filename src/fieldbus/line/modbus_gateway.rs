@@ -50,7 +50,7 @@ pub(super) struct ModbusGateway {
     renewal: Renewal,
     occupied: Option<SilentRequest>,
     proof: Proof,
-    /// Earliest time at which a dead unit gets a request.
+    /// Earliest time of the next request to a dead unit (a unit that has missed two answers in a row).
     dead_not_before: Moment,
     /// Own timeout of the Modbus gateway, as it was reported last; `None` if it was never reported.
     reported: Option<Duration>,
@@ -63,9 +63,9 @@ pub(super) struct ModbusGateway {
 enum GivingUp {
     #[default]
     Unknown,
-    /// The Modbus gateway sends an exception after this time.
+    /// The Modbus gateway sends an exception when its own timeout ends, after this time.
     WithException(Duration),
-    /// The Modbus gateway sends nothing.
+    /// The Modbus gateway sends nothing when its own timeout ends.
     Silently(SilentTimeout),
 }
 
@@ -122,7 +122,7 @@ enum Proof {
 pub(super) enum Wait {
     /// The line sends the request at once.
     None,
-    /// The line waits until the Modbus gateway answers the silent request, at most until this time.
+    /// The line waits for the late answer of the Modbus gateway to the unanswered request, at most until this time.
     Until(Moment),
     /// The line opens another connection first.
     Renew,
@@ -147,12 +147,14 @@ impl ModbusGateway {
         }
     }
 
-    /// Returns the unit and the time of the request for which the Modbus gateway may still wait.
+    /// Returns the unit and the time of the request for which the Modbus gateway may still wait; `None` if there is no
+    /// such request.
     pub(super) fn occupied(&self) -> Option<(u8, Moment)> {
         self.occupied.map(|silent| (silent.unit, silent.asked))
     }
 
-    /// Returns the own timeout of the Modbus gateway, if it is longer than `timeout` and was not reported yet.
+    /// Returns the own timeout of the Modbus gateway for a report: if it is longer than `timeout`, and differs from the
+    /// last reported one. Otherwise returns `None`.
     pub(super) fn news(&mut self, timeout: Duration) -> Option<Duration> {
         let is_news = |own: &Duration| self.reported.is_none_or(|last| own.abs_diff(last) > last / 4);
         let own = self.longer_timeout().filter(|own| *own > timeout).filter(is_news)?;
@@ -160,7 +162,7 @@ impl ModbusGateway {
         Some(own)
     }
 
-    /// Returns the own timeout of the Modbus gateway, if the line has observed it.
+    /// Returns the observed own timeout of the Modbus gateway; `None` if the line has not observed it.
     fn longer_timeout(&self) -> Option<Duration> {
         match self.giving_up {
             GivingUp::WithException(own) | GivingUp::Silently(SilentTimeout::About(own)) => Some(own),
@@ -168,20 +170,20 @@ impl ModbusGateway {
         }
     }
 
-    /// Returns the time until which the Modbus gateway waits for the silent unit, if there is one and its own timeout is
-    /// known.
+    /// Returns the time until which the Modbus gateway waits for the silent unit. `None` if it waits for no unit, or
+    /// its own timeout is not known.
     pub(super) fn occupied_until(&self) -> Option<Moment> {
         let span = self.waiting_time()?;
         self.occupied.map(|silent| silent.asked.after(span))
     }
 
-    /// Returns how long the line waits for the Modbus gateway after a request to a silent unit, if its own timeout is
-    /// known.
+    /// Returns how long the line waits for the Modbus gateway after a request to a silent unit. `None` if the own
+    /// timeout of the Modbus gateway is not known.
     fn waiting_time(&self) -> Option<Duration> {
         self.own_timeout().map(|own| own + own / 8 + LATER)
     }
 
-    /// Returns the own timeout of the Modbus gateway, or an upper limit of it.
+    /// Returns the own timeout of the Modbus gateway, or an upper limit of this timeout; `None` if both are unknown.
     fn own_timeout(&self) -> Option<Duration> {
         match self.giving_up {
             GivingUp::Silently(SilentTimeout::AtMost(most)) => Some(most),
@@ -234,7 +236,7 @@ impl ModbusGateway {
         }
     }
 
-    /// Records a late answer, which was discarded.
+    /// Records that a late answer to an earlier request has arrived and was discarded.
     pub(super) fn received_late(&mut self, late: &LateReply) {
         self.occupied = self.occupied.filter(|silent| (silent.unit, silent.asked) != (late.unit, late.asked));
         let own = late.received.map(|received| received.since(late.asked));

@@ -31,7 +31,7 @@ pub trait RequestObserver: Send + Sync {
     /// with every device on the line was lost.
     fn breaks(&self, _device: Option<DeviceId>, _cause: Break) {}
 
-    /// Returns whether the device has passed its checks since contact with it was last lost.
+    /// Returns whether the device has passed its checks since the last loss of contact.
     fn is_verified(&self, _device: DeviceId) -> bool {
         true
     }

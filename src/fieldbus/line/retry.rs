@@ -1,4 +1,4 @@
-//! Repetition of a request: at once on a new connection, or later after a missing answer.
+//! Repetition of a request: at once on a new connection, or later after a timeout.
 
 use super::DeviceLine;
 use crate::fieldbus::error::Fault;

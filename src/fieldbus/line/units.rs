@@ -12,8 +12,8 @@ use crate::fieldbus::wire::Request;
 use isotherm_core::quantity::Moment;
 use isotherm_profile::{Device, DeviceId, Functions, Quirks, Transport};
 
-/// Shortest pause after a missing answer of a unit without reliable transaction numbers. The multiple of a very short
-/// timeout would be too short, because an answer may arrive even later.
+/// Shortest pause after a missing answer of a unit without reliable transaction numbers. A multiple of a very short
+/// timeout would be too short, because a late answer may take longer.
 const SHORTEST_REST: Duration = Duration::from_millis(750);
 /// Number of consecutive requests without an answer up to which the pause of a unit does not grow. It applies to units
 /// that have answered before, on lines without reliable transaction numbers.
@@ -91,12 +91,13 @@ impl Units {
         Units { all: devices.iter().map(unit).collect(), pending }
     }
 
-    /// Returns the index of a device in the list of the line's units, its `place`.
+    /// Returns the index of a device in the list of the line's units (its `place`); `None` if the device is not on the
+    /// line.
     pub(super) fn place(&self, device: DeviceId) -> Option<usize> {
         self.all.iter().position(|unit| unit.device == device)
     }
 
-    /// Returns the index in the list of units of the first device with this unit number.
+    /// Returns the index of the first device with this unit number in the list of units; `None` if there is none.
     pub(super) fn place_of(&self, number: u8) -> Option<usize> {
         self.all.iter().position(|unit| unit.number == number)
     }
@@ -130,8 +131,8 @@ impl Units {
         unit.received != Moment::default() && is_answering
     }
 
-    /// Returns whether the unit counts as dead: it has never answered, or has missed two answers in a row. A single
-    /// missing answer may be chance.
+    /// Returns whether the unit counts as dead: it has never answered, or has not answered two requests in a row. A
+    /// single lost answer may be chance.
     pub(super) fn is_dead(&self, place: usize) -> bool {
         let unit = self.at(place);
         unit.breaker.failures() > 0 || self.missed(unit.number) >= DEAD
@@ -199,8 +200,8 @@ impl Units {
     }
 
     /// Stops requests to the unit of this device, under all its device names, while a late answer may still arrive. The
-    /// pause of the device also doubles if the unit has never answered promptly, or has missed more than [`PATIENT`]
-    /// answers in a row.
+    /// pause of the device also doubles if the unit has never answered promptly, or has not answered more than
+    /// [`PATIENT`] requests in a row.
     pub(super) fn back_off(&mut self, place: usize, fault: Fault, now: Moment, spans: Spans) {
         let quiet = now.after((spans.timeout + spans.grace).max(spans.timeout + SHORTEST_REST));
         let number = self.all[place].number;

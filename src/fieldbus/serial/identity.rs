@@ -70,7 +70,7 @@ pub(crate) enum PortHistory {
     None,
     /// The last attempt opened the same port as the attempt before, or the attempt before opened none.
     Same(PortIdentity),
-    /// The last attempt opened another port than the one before.
+    /// The last attempt opened another port than the attempt before.
     Other(PortIdentity),
 }
 

@@ -84,7 +84,7 @@ pub(super) fn answered_text(received: &[u8], answer: &Result<Answer, Fault>) -> 
     format!("{}: {result}", Quoted(&text))
 }
 
-/// Formats the number of a text, which is a 64-bit float, or the reason why there is none.
+/// Formats the number that was found in a text (a 64-bit float), or the reason why there is none.
 fn number(reading: &NodeReading) -> String {
     match &reading.value {
         Ok(value) => f64::from_bits(value.bits()).to_string(),

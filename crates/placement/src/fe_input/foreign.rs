@@ -49,7 +49,7 @@ pub(super) fn refusal(path: &Path, bytes: &[u8]) -> Option<String> {
     ))
 }
 
-/// Returns the path of the file that the command writes: beside the file, and never a file that exists already.
+/// Returns the path of the file that the conversion command writes: next to the input file, and never an existing file.
 fn result(path: &Path, extension: &str) -> PathBuf {
     let plain = path.with_extension("inp");
     if extension == "inp" || plain.exists() { path.with_extension("mesh.inp") } else { plain }

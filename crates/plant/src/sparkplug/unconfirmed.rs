@@ -48,8 +48,8 @@ impl Unconfirmed {
         }
     }
 
-    /// Removes all records. Returns those that may not have reached the broker: published at or after `last_received`,
-    /// the time of the broker's last answer.
+    /// Removes all records. Returns the records that may not have reached the broker, because they were published at or
+    /// after `last_received` (time of the broker's last answer).
     pub(super) fn take(&mut self, last_received: Moment) -> Vec<Record> {
         let all = std::mem::take(&mut self.published);
         self.bytes = 0;

@@ -20,7 +20,7 @@ pub enum CanRequest<'a> {
         /// New value, the most significant register first.
         values: &'a [u16],
     },
-    /// Value to send in a frame, together with the other values of the frame.
+    /// Value to send in a CAN frame, together with the other values of this frame.
     Send {
         /// Identifier of the frame.
         id: CanId,

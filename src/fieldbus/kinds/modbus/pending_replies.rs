@@ -142,8 +142,8 @@ impl PendingReplies {
         self.anything.is_some() || !self.late.is_empty()
     }
 
-    /// Records that the line has waited until late answers can no longer arrive. The order check is informed, because a
-    /// Modbus gateway may still keep a late answer.
+    /// Records that the line has waited until late answers can no longer arrive. Reports this to the order check,
+    /// because a Modbus gateway may still keep a late answer.
     pub(in crate::fieldbus) fn is_quiet(&mut self) {
         self.anything = None;
         self.late.drain(..).filter(|late| late.is_read).for_each(|late| self.order.suspect(late.mark));
@@ -224,7 +224,7 @@ impl PendingReplies {
         self.misses
     }
 
-    /// Returns how long the line must be silent after the missing answer `late` before this request is sent.
+    /// Returns how long the line must be silent after the unanswered request `late`, before `request` may be sent.
     fn span(&self, late: &MissingReply, request: Request<'_>, spans: Spans) -> Duration {
         if late.mark != ReplySignature::of(request) {
             Duration::ZERO
@@ -238,14 +238,15 @@ impl PendingReplies {
         }
     }
 
-    /// Returns how much longer the line must be silent before this request may be sent.
+    /// Returns how much longer the line must be silent before `request` may be sent, because late answers may still
+    /// arrive.
     pub(in crate::fieldbus) fn left(&self, request: Request<'_>, spans: Spans) -> Duration {
         let left = self.late.iter().map(|late| late.since.left_of(self.span(late, request, spans)));
         left.max().unwrap_or_default()
     }
 
-    /// Returns the earliest time at which this request may be sent, because of missing answers; `None` if it may be
-    /// sent now.
+    /// Returns the earliest time at which `request` may be sent, because late answers may still arrive before; `None`
+    /// if it may be sent now.
     pub(in crate::fieldbus) fn not_before(&self, request: Request<'_>, spans: Spans) -> Option<Moment> {
         let waiting = self.late.iter().filter(|late| !late.is_answered);
         waiting.map(|late| late.missed.after(self.span(late, request, spans))).max()
@@ -281,7 +282,7 @@ impl PendingReplies {
         self.late.iter().map(|late| late.mark)
     }
 
-    /// Removes missing answers whose waiting time is over. The order check is informed, because a Modbus gateway may
+    /// Removes missing answers that can no longer arrive, and reports them to the order check: a Modbus gateway may
     /// still keep the answer to a read.
     pub(in crate::fieldbus) fn forget(&mut self, spans: Spans) {
         let order = &mut self.order;

@@ -60,7 +60,8 @@ pub struct Rtu {
     question_before: Vec<u8>,
     /// Length in bytes of the answer to the last request.
     answer_length: usize,
-    /// Discarded input since the last answer. It is searched for whole frames, which are not noise.
+    /// Discarded input since the last answer. The line searches this input for whole frames, because a whole frame is
+    /// no noise.
     discarded: Vec<u8>,
     /// Unit and form (function and length) of each late answer that may still arrive. `late`: units whose late answers
     /// have arrived.
@@ -179,7 +180,7 @@ impl Rtu {
         }
     }
 
-    /// Discards input until the line has been silent for `span`.
+    /// Discards input until nothing has arrived on the line for the time `span`.
     async fn wait_for_silence(&mut self, span: Duration) -> Result<(), Fault> {
         self.received.clear();
         let mut bytes = [0; frame::LONGEST];
@@ -204,7 +205,7 @@ impl Rtu {
         }
     }
 
-    /// Waits for input for at most `span`, and discards it. Returns whether any arrived.
+    /// Waits for input for at most `span`, and discards it. Returns whether any input arrived.
     async fn discard_within(&mut self, span: Duration) -> Result<bool, Fault> {
         let mut bytes = [0; frame::LONGEST];
         match self.patience.within(span, self.port.receive(&mut bytes)).await {

@@ -225,8 +225,8 @@ impl ModbusTcp {
         transaction
     }
 
-    /// Draws the next transaction number, by Marsaglia's xorshift. It differs from the last one, because two requests
-    /// may be open, and from those of the given up requests.
+    /// Draws the next transaction number, by Marsaglia's xorshift. It differs from the last number, because two
+    /// requests may be open, and from the numbers of given up requests.
     fn draw(&mut self) -> u16 {
         let last = self.drawn >> 48;
         loop {

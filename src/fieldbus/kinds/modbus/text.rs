@@ -59,7 +59,7 @@ fn is_ascii_content(digits: &[u8]) -> bool {
 }
 
 /// Returns whether these bytes are one message of DCON. An answer begins with `!`, `?` or `>`, a command with another
-/// sign. After the sign follows an address, or after `>` a value.
+/// sign. The sign is followed by an address; after `>`, a value is also possible.
 fn is_dcon(message: &[u8]) -> bool {
     let message = message.strip_prefix(b"\n").unwrap_or(message);
     let [sign, first, second, .., b'\r'] = message else { return false };

@@ -58,7 +58,7 @@ pub trait ModbusWire: Wire {
         Vec::new()
     }
 
-    /// Returns the frames of other masters since the last call.
+    /// Returns the received frames of other masters since the last call.
     fn overheard(&mut self) -> Vec<ForeignFrame> {
         Vec::new()
     }

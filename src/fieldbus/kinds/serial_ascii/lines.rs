@@ -1,7 +1,7 @@
 //! Lines of text from the bytes of a port. No input, output or time.
 //!
 //! A line ends with a carriage return or a line feed. Empty lines are skipped. A line whose beginning was not received
-//! is never returned, because the rest of a number is another number.
+//! is never returned, because a number without its first digits is another number.
 
 use std::collections::VecDeque;
 

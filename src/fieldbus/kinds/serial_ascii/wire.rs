@@ -30,7 +30,7 @@ use isotherm_profile::Serial;
 const SILENCE: Duration = Duration::from_millis(20);
 /// Pause after which an answer with several lines has ended.
 const LAST_LINE: Duration = Duration::from_millis(200);
-/// Time that this program may need in addition to that of the device.
+/// Time that this program may need in addition to the answer time of the device.
 const OWN: Duration = Duration::from_millis(250);
 /// Assumed length of an answer in characters, for its time on a serial line.
 const ANSWER: usize = 80;
@@ -128,8 +128,8 @@ impl TextWire {
         Ok(())
     }
 
-    /// Waits until this request may be sent: no answer to a request with another text, or on an earlier connection, may
-    /// arrive any more, and the line is silent.
+    /// Waits until this request may be sent. No answer to another text or on an earlier connection must be expected any
+    /// more, and the line must be silent.
     async fn make_ready(&mut self, text: &str, now: Moment) -> Result<(), Fault> {
         let discarded = self.port.discard().await?;
         let (span, is_new) = (2 * self.timeout + self.under_way(text), self.state != LineState::Silent);

@@ -76,7 +76,7 @@ pub enum NodeEvent {
     Emergency(Emergency),
 }
 
-/// Master with the nodes of one interface.
+/// CANopen master that supervises the nodes of one interface.
 #[derive(Clone, Debug)]
 pub struct Master {
     nodes: Vec<Node>,

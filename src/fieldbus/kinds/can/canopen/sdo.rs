@@ -32,8 +32,8 @@ pub fn identifiers(node: NodeId) -> [CanId; 2] {
 pub const LONGEST: usize = 4096;
 
 /// Entries that the client reads after a transfer without its last answer: one entry per such transfer, in rotation.
-/// CiA 301 requires them in every node. One entry alone is not enough: its own late answer would be taken for the
-/// answer to the next read of it.
+/// CiA 301 requires them in every node. One entry alone is not enough: a late answer to its first read would be
+/// mistaken for the answer to its second read.
 const SETTLERS: [Entry; 4] =
     [Entry::new(0x1000, 0), Entry::new(0x1001, 0), Entry::new(0x1018, 0), Entry::new(0x1018, 1)];
 

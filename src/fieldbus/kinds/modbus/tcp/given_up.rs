@@ -41,7 +41,7 @@ impl GivenUp {
         !self.requests.is_empty()
     }
 
-    /// Returns whether a request that was sent to this unit at `asked` is given up.
+    /// Returns whether the list contains the request that was sent to this unit at `asked`.
     pub(super) fn contains(&self, unit: u8, asked: Moment) -> bool {
         self.requests.iter().any(|request| (request.unit, request.asked) == (unit, asked))
     }

@@ -194,8 +194,8 @@ impl Link {
         }
     }
 
-    /// Returns whether the other end has closed the idle channel. Messages that have arrived answer no request, and are
-    /// discarded.
+    /// Returns whether the other end has closed the idle channel. Discards received messages, because they answer no
+    /// request.
     pub(super) async fn is_closed(&mut self) -> bool {
         if self.is_broken {
             return true;

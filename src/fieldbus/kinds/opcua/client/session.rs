@@ -29,7 +29,7 @@ use crate::fieldbus::kinds::opcua::namespaces::NamespaceTable;
 /// killed occupies the server for this time.
 const LIFETIME: f64 = 60_000.0;
 const NONCE: usize = 32;
-/// Longest wait for the answer when a session that cannot be used is closed.
+/// Maximum wait for the server's answer when the gateway closes a session that it cannot use.
 const CLOSING: Duration = Duration::from_secs(1);
 
 /// OPC UA session. Clones share its data.

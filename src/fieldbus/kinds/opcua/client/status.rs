@@ -73,9 +73,9 @@ pub(super) fn list_fault(error: &Error) -> Fault {
 /// Purpose of a channel.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Purpose {
-    /// Query of the endpoints, without security.
+    /// Query of the list of endpoints, without security.
     List,
-    /// Session at an endpoint.
+    /// Requests of a session at an endpoint.
     Session,
 }
 

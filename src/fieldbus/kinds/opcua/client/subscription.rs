@@ -354,7 +354,7 @@ impl Subscribed {
         std::mem::take(&mut self.received)
     }
 
-    /// Returns whether the server has sent nothing for longer than it promised.
+    /// Returns whether the server has sent nothing for a longer time than it promised.
     pub(super) fn is_silent(&self, now: Moment) -> bool {
         now.since(self.heard) > self.patience
     }
