@@ -292,7 +292,9 @@ impl Gathering<'_> {
                     // A line after an include belongs to no card.
                     self.cards.push(Card { key: INCLUDED.to_owned(), parameters: Vec::new(), ..card });
                 }
-                None => self.faults.push(card.fault("names no file: write *INCLUDE, INPUT=mesh.inp")),
+                None => {
+                    self.faults.push(card.fault("the card names no file: write *INCLUDE, INPUT=mesh.inp"))
+                }
             }
         }
     }

@@ -152,9 +152,9 @@ fn known<'a>(cards: &'a [Card], faults: &mut Faults) -> Vec<(Stage, &'a Card, Re
             key => match KEYWORDS.iter().find(|(name, ..)| plain(name) == key) {
                 Some((_, stage, parameters, read)) => {
                     let misplaced = match stage {
-                        Stage::Boundary => ended.then_some("must be before *END STEP"),
+                        Stage::Boundary => ended.then_some("the card must be before *END STEP"),
                         Stage::Step if began.is_some() && !ended => None,
-                        Stage::Step => Some("must be between *STEP and *END STEP"),
+                        Stage::Step => Some("the card must be between *STEP and *END STEP"),
                         Stage::Anywhere => None,
                         _ => began.map(|_| "must be before *STEP"),
                     };

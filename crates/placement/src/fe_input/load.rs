@@ -66,7 +66,7 @@ fn loads(
     read: impl FnMut(&mut Reader, &Line) -> Result<(), Fault>,
 ) -> Result<(), Fault> {
     if reader.case.is_none() {
-        return Err(card.fault("must be after *HEAT TRANSFER"));
+        return Err(card.fault("the card must be after *HEAT TRANSFER"));
     }
     reader.each(card, read);
     Ok(())

@@ -39,7 +39,7 @@ fn bounds(name: &str) -> (f64, f64, &'static str) {
 
 pub(super) fn material(reader: &mut Reader, card: &Card) -> Result<(), Fault> {
     let name = card.value("NAME").filter(|name| !name.is_empty());
-    let name = name.ok_or_else(|| card.fault("names no material: write NAME="))?;
+    let name = name.ok_or_else(|| card.fault("the card names no material: write NAME="))?;
     if let Some(known) = reader.materials.iter().find(|known| known.name == name) {
         return Err(
             card.fault(format!("{name} is defined already in line {}: remove one of them", known.at.line))
@@ -82,15 +82,15 @@ fn values(card: &Card) -> Result<Vec<(&'static str, f64)>, Fault> {
     };
     let [line] = &card.lines[..] else {
         return Err(card.fault(if card.lines.is_empty() {
-            "has no value: write it in the next line"
+            "the card has no value: write it in the next line"
         } else {
             CONSTANT
         }));
     };
     if line.len() == names.len() + 1 {
         return Err(line.fault(format!(
-            "{} values, but {} are required ({}): a decimal comma makes two values of one (write 1.5, not \
-             1,5). A temperature is not allowed here: {CONSTANT}",
+            "the card has {} values, but {} are required ({}): a decimal comma makes two values of one (write \
+             1.5, not 1,5). A temperature is not allowed here: {CONSTANT}",
             line.len(),
             names.len(),
             names.join(", ")

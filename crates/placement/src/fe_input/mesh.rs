@@ -45,7 +45,7 @@ const TYPES: [(&str, Option<Kind>, usize); 6] = [
 ];
 
 pub(super) fn elements(reader: &mut Reader, card: &Card) -> Result<(), Fault> {
-    let name = card.value("TYPE").ok_or_else(|| card.fault("names no TYPE: C3D4 and C3D10 are read"))?;
+    let name = card.value("TYPE").ok_or_else(|| card.fault("the card names no TYPE: write C3D4 or C3D10"))?;
     let known = TYPES.iter().find(|(known, ..)| known.split(' ').any(|known| known == name));
     let (_, kind, nodes) = known.ok_or_else(|| {
         card.fault(format!("{name} is not read: mesh the structure with tetrahedra, C3D4 or C3D10"))
@@ -144,7 +144,7 @@ pub(super) fn set(reader: &mut Reader, card: &Card) -> Result<(), Fault> {
     let of_nodes = card.key == "NSET";
     let what = if of_nodes { "node" } else { "element" };
     let name = named(card, &card.key)?;
-    let name = name.ok_or_else(|| card.fault(format!("names no set: write {}=NAME", card.key)))?;
+    let name = name.ok_or_else(|| card.fault(format!("the card names no set: write {}=NAME", card.key)))?;
     let mut members = Vec::new();
     reader.each(card, |reader, line| {
         let find = |reader: &mut Reader, id: u32| {
@@ -181,7 +181,9 @@ pub(super) fn set(reader: &mut Reader, card: &Card) -> Result<(), Fault> {
             } else if let Some(set) = reader.sets(of_nodes).get(&text.to_uppercase()) {
                 members.extend(set);
             } else if text.is_empty() {
-                reader.faults.push(line.fault("a member is missing between two commas"));
+                reader
+                    .faults
+                    .push(line.fault("the number or name of a member is missing between two commas"));
             } else {
                 reader.missed(
                     &line.at,
@@ -218,7 +220,7 @@ pub(super) fn surface(reader: &mut Reader, card: &Card) -> Result<(), Fault> {
     if card.value("TYPE").is_some_and(|kind| kind != "ELEMENT") {
         return Err(card.fault("only surfaces of TYPE=ELEMENT are read"));
     }
-    let name = named(card, "NAME")?.ok_or_else(|| card.fault("names no surface: write NAME="))?;
+    let name = named(card, "NAME")?.ok_or_else(|| card.fault("the card names no surface: write NAME="))?;
     reader.each(card, |reader, line| {
         line.exactly(&["element or set", "side"])?;
         let side = side(line, "S")?;

@@ -241,7 +241,7 @@ fn what_is_wrong_is_said_with_line_card_and_remedy() {
             "*HEAT TRANSFER, STEADY STATE, SOLVER=PARDISO",
             "SOLVER=PARDISO: the file cannot choose the solver",
         ),
-        (steady, "", "*FILM: must be after *HEAT TRANSFER"),
+        (steady, "", "*FILM: the card must be after *HEAT TRANSFER"),
         ("*HEADING", "*INCLUDE, INPUT=nomesh.inc\n*HEADING", "case.inp:1: *INCLUDE: cannot read"),
         (
             "*HEADING",

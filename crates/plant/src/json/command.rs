@@ -37,7 +37,7 @@ pub(super) fn read(command: &str, payload: &[u8]) -> Outcome {
         Outcome::Refused { command, why }
     };
     if command != "measured" {
-        return refused("the gateway accepts only measured errors over the broker".to_owned());
+        return refused("the gateway accepts only measured errors over MQTT".to_owned());
     }
     if payload.len() > LONGEST {
         return refused(format!("{} bytes are too many for a measured error", payload.len()));

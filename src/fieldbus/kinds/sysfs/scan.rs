@@ -55,7 +55,10 @@ pub(super) fn report(bus: &Bus, timeout: Option<Duration>) -> Boxed<'_, Result<S
                     "\n[device.pc]\nbus = \"pc\"\nevery = \"2s\"\n\n[signal.NAME]\ndevice = \"pc\"\nsensor = \
                      \"{sensor}\"\n"
                 );
-                (format!("This computer has in {root}\n{}", table(&found)), Ok(("pc", device)))
+                (
+                    format!("This computer has these temperatures in {root}:\n{}", table(&found)),
+                    Ok(("pc", device)),
+                )
             }
             None => (
                 String::new(),

@@ -43,7 +43,7 @@ pub struct Client {
     node: NodeId,
     /// Transfer in progress; `None` between transfers.
     transfer: Option<Transfer>,
-    /// Whether an answer to an older transfer may still arrive. The client then first reads an entry of [`SETTLERS`].
+    /// Whether an answer to an older transfer may still arrive. The client then first reads an entry of `SETTLERS`.
     is_unsettled: bool,
     /// Requested transfer that begins when no answer to an older transfer can arrive any more.
     postponed: Option<Job>,
@@ -192,7 +192,7 @@ impl Client {
     }
 
     /// Records a received frame that answers no request. If it is an answer of the node, more such answers may follow.
-    /// The client then reads an entry of [`SETTLERS`] before its next transfer.
+    /// The client then reads another entry before its next transfer, to detect that no more answers follow.
     pub fn was_not_asked(&mut self, frame: &Frame) {
         self.is_unsettled |= frame.id() == self.answers();
     }

@@ -23,7 +23,11 @@ pub(in crate::fieldbus::kinds::opcua) fn report(
         let shown = certificates
             .iter()
             .map(|certificate| format!("The server shows a certificate\n{}", certificate.text(now)));
-        let text = format!("The server at {url} offers\n{}{}", table(&offers), shown.collect::<String>());
+        let text = format!(
+            "The server at {url} offers these endpoints:\n{}{}",
+            table(&offers),
+            shown.collect::<String>()
+        );
         let profile = strongest(&offers).map(|security| {
             let files = match security {
                 Security::None => "",
