@@ -1,5 +1,5 @@
-//! Search for the registers of a unit. It reads in steps of limited size, and divides a range that the unit refuses
-//! into halves.
+//! Search for the registers of a unit. The search reads in steps of limited size. If the unit refuses a range, the
+//! search divides this range into halves.
 
 use serde::Serialize;
 

@@ -67,7 +67,7 @@ fn advice(root: &Path, sensor: &PcSensor, reason: Reason) -> String {
             ("w1:", "is the sensor plugged in, is the 1-Wire adapter's driver loaded (`lsmod | grep w1`)")
         }
         PcSensor::Hwmon(_) => {
-            ("hwmon:", "is the chip's driver loaded (`sensors-detect` finds which it needs)")
+            ("hwmon:", "is the chip's driver loaded (`sensors-detect` finds the necessary driver)")
         }
         PcSensor::Iio(_) => (
             "iio:",

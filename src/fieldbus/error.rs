@@ -137,7 +137,7 @@ pub enum LinkFault {
     Unverified,
 }
 
-/// Fault of a CAN interface.
+/// Reason why a CAN interface cannot be used.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, thiserror::Error)]
 pub enum CanFault {
     /// The interface does not exist, or was removed.
@@ -163,7 +163,7 @@ pub enum CanFault {
     TooLong,
 }
 
-/// Fault of a reply.
+/// Reason why a reply is rejected.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, thiserror::Error)]
 pub enum PeerFault {
     /// Reply with the number of another transaction or unit: a late reply to an earlier request, or a reply to another

@@ -28,7 +28,7 @@ pub enum Ending {
     Lost,
     /// The other end closed the connection in an orderly way, between two answers.
     Closed,
-    /// The way does not matter, because the gateway detects an exchanged device by other means (OPC UA and CAN).
+    /// Contact counts as kept, because the gateway detects an exchanged device by other means (OPC UA and CAN).
     Kept,
 }
 

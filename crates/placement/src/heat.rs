@@ -124,7 +124,7 @@ impl Heat {
         Self::assembled(mesh, materials, load, Conducts::of(mesh, materials, load))
     }
 
-    /// Adds the load case to the conduction of a body.
+    /// Assembles the equations of one load case from the conduction of a body.
     fn assembled(
         mesh: &Mesh,
         materials: &Materials,

@@ -12,9 +12,9 @@ use crate::problem::{Block, Problem, Target};
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Method {
-    /// Iteration of JP 6507619 B2 on one load case.
+    /// Iteration of the patent JP 6507619 B2 on one load case.
     Patent,
-    /// Bounded least squares on one load case.
+    /// Least squares on one load case, with each block temperature within its bounds.
     Bounded,
     /// Search over all load cases together.
     #[default]

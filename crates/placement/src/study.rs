@@ -129,9 +129,9 @@ pub struct CaseResult {
     pub delta1_mm: Vec<f64>,
     /// Largest displacement of a guideway node in an evaluated direction, µm.
     pub largest_um: f64,
-    /// Error with a node at the centre of each block.
+    /// Error with the temperature of the node at the centre of each block.
     pub naive_centroid: Residual,
-    /// Error with the mean of each block's nodes.
+    /// Error with the mean temperature of the nodes of each block.
     pub naive_mean: Residual,
     /// Lower bound of the error with these blocks.
     pub floor: Residual,

@@ -161,7 +161,8 @@ impl Sparkplug {
         LostValues { unconfirmed_records: self.unconfirmed.dropped(), ..self.left_out }
     }
 
-    /// Makes the birth message, and data messages with the events that were queued before it and with `events`.
+    /// Makes the birth message. The result also contains data messages with the events that waited for it, and with
+    /// `events`.
     fn birth(&mut self, now: Moment, snapshot: &Snapshot, events: &[PlantEvent]) -> Vec<Message> {
         let stamp = self.stamp(now, snapshot);
         self.owes_birth = false;

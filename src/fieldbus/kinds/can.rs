@@ -33,7 +33,7 @@ pub const KIND: BusKind = BusKind {
     place: |bus| LinePlace::Name(format!("can {}", bus.address)),
     scan: ScanKind::Other {
         is: "a CAN line",
-        instead: "`isotherm read PROFILE` reads its signals",
+        instead: "`isotherm read PROFILE` reads the signals of the line",
         scan: None,
     },
     virtual_line: VirtualLine::Served("is on the CAN interface"),

@@ -37,7 +37,7 @@ pub const KIND: BusKind = BusKind {
     scan: ScanKind::Other {
         is: "an OPC UA server",
         instead: if cfg!(feature = "opcua") {
-            "`isotherm read --browse` shows its nodes"
+            "`isotherm read --browse` shows the nodes of the server"
         } else {
             "this program was built without OPC UA: use a packaged program, or build one with \
              `cargo build --release --features opcua`"

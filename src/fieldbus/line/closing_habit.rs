@@ -23,7 +23,8 @@ impl ClosingHabit {
         is_orderly
     }
 
-    /// Records that the server does not accept a connection. Another server may answer afterwards.
+    /// Records that the server does not accept a connection. This resets the count, because another server may answer
+    /// afterwards.
     pub(super) fn refused(&mut self) {
         self.0 = 0;
     }

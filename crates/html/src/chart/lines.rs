@@ -12,7 +12,7 @@ pub enum LineStyle {
     Solid,
     /// Dashed.
     Dashed,
-    /// Area between the line and zero filled.
+    /// Filled area between the line and zero.
     Filled,
     /// Thin and grey, for one of many lines in a chart.
     Faint,

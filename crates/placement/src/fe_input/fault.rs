@@ -43,7 +43,7 @@ impl fmt::Display for Fault {
 pub struct Faults {
     /// Described errors, in the order in which they were found.
     pub described: Vec<Fault>,
-    /// Number of further errors.
+    /// Number of further errors, whose messages are not stored.
     pub more: usize,
 }
 

@@ -6,9 +6,9 @@ use std::path::{Path, PathBuf};
 /// Way to convert a file of another format to an FE input file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Remedy {
-    /// Gmsh reads the mesh and writes it.
+    /// Gmsh converts the mesh: it reads the file, and writes an FE input file.
     Gmsh,
-    /// Gmsh meshes the geometry.
+    /// The file contains only geometry, which Gmsh divides into a mesh.
     GmshMeshes,
     /// `meshio convert` with this input format.
     Meshio(&'static str),

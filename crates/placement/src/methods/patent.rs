@@ -20,7 +20,7 @@ pub struct Round {
     pub pattern: String,
     /// Similarity of the displacement of the pattern to the residual: absolute cosine of the angle between them.
     pub likeness: f64,
-    /// Difference degree r, K.
+    /// Difference degree r of the round, K: factor of the selected pattern, by least squares.
     pub r: f64,
     /// Residual after the round, µm RMS.
     pub rms_um: f64,
