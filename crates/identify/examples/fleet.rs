@@ -9,7 +9,7 @@
 //! Only the product files leave the machines, not the logs. The profiles have one axis, and the error is
 //! `<axis>_error_um`.
 
-#![allow(clippy::print_stdout, clippy::print_stderr, reason = "an example speaks to who starts it")]
+#![allow(clippy::print_stdout, clippy::print_stderr, reason = "an example prints its results")]
 
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -26,7 +26,7 @@ fn main() -> ExitCode {
     let done = match arguments.split_first() {
         Some((verb, [profile, logs @ ..])) if verb == Path::new("keep") => keep(profile, logs),
         Some((verb, files)) if verb == Path::new("learn") => learn(files),
-        _ => Err("fleet keep PROFILE LOG… > FILE, then fleet learn FILE…".to_owned()),
+        _ => Err("usage: fleet keep PROFILE LOG… > FILE for each machine, then fleet learn FILE…".to_owned()),
     };
     match done {
         Ok(text) => {

@@ -36,7 +36,7 @@ mod record;
 /// Maximum accepted growth of the range of the error when a sensor freezes, in percent: mean over sensors and channels
 /// of a record.
 const GROWTH: f64 = 8.0;
-/// Maximum accepted median of the time from a freeze to its detection, min.
+/// Maximum accepted median of the time from the freeze of a sensor to its detection, min.
 const FOUND: f64 = 240.0;
 /// Number of times at which each sensor freezes in each run.
 const TIMES: usize = 2;
@@ -64,7 +64,7 @@ struct Case {
     growth: f64,
 }
 
-/// Prints the figures of a record. Returns whether they are within their limits.
+/// Prints the results of one data set (record). Returns whether they are within their limits.
 fn record(name: &str, files: &[PathBuf], names: &[String], errors: &[&str]) -> bool {
     let dataset = Dataset::read(files, &Split::default(), &|_| None, &every_column).unwrap();
     let hours: f64 = dataset.runs.iter().map(hours).sum();
@@ -119,7 +119,7 @@ fn record(name: &str, files: &[PathBuf], names: &[String], errors: &[&str]) -> b
     let reached = |is_reached: bool| if is_reached { "reached" } else { "MISSED" };
     let limits = [alarms == 0, growth <= GROWTH, median <= FOUND];
     println!(
-        "{name}: {alarms} alarms in {hours:.0} h of {} channels, at most 0: {}",
+        "{name}: {alarms} alarms in {hours:.0} h of {} error channels, at most 0 are allowed: {}",
         errors.len(),
         reached(limits[0])
     );
@@ -137,7 +137,7 @@ fn hours(run: &Run) -> f64 {
     last.map_or(0.0, |last| last.since(first).as_secs_f64() / 3600.0)
 }
 
-/// Returns the profile with the model from all runs except this one.
+/// Returns the profile with the model that is identified from all runs except the run `without`.
 fn learned(dataset: &Dataset, without: usize, names: &[String], error: &str) -> Profile {
     let mut others = dataset.clone();
     others.runs.remove(without);
@@ -162,7 +162,7 @@ fn learned(dataset: &Dataset, without: usize, names: &[String], error: &str) -> 
     isotherm_profile::load(&path, &[], &[]).unwrap_or_else(|errors| panic!("{errors}")).profile
 }
 
-/// Result of an axis on one run.
+/// Result of one axis in one run.
 struct Seen {
     /// Suspected sensors, each with the row at which it was suspected.
     suspected: Vec<(usize, usize)>,
@@ -172,7 +172,8 @@ struct Seen {
     range: f64,
 }
 
-/// Runs the gateway's compensation step over the rows of a run. `names` and `columns`: the sensors.
+/// Runs the gateway's compensation step over the rows of a run. `names` and `columns` are the names and the log columns
+/// of the sensors.
 fn seen(profile: &Profile, run: &Run, (names, columns): (&[String], &[usize]), error: &[f64]) -> Seen {
     let place = |name: &String| names.iter().position(|known| known == name);
     let sensors: Vec<Option<usize>> = profile.signals.iter().map(|signal| place(&signal.name)).collect();

@@ -89,13 +89,14 @@ const fn stage(error: &'static str, range: f64, rms: f64, probed: f64, few: [f64
     Channel { error, range, rms, probed, few, sensors: None, speeds: None }
 }
 
-/// Maximum growth of the range of the error if one sensor freezes, in percent: mean over the sensors.
+/// Maximum growth of the range of the error if one sensor freezes, in percent, as the mean over the sensors.
 const FROZEN: f64 = 8.0;
-/// Maximum median of the time from a freeze to its detection, min.
+/// Maximum median of the time from the freeze of a sensor to its detection, min.
 const NOTICED: f64 = 240.0;
 /// Maximum growth of the range of the error if one sensor froze in one training run, in percent.
 const SPOILT: f64 = 10.0;
-/// Smallest and largest share of the rows within one and within two times the expected error.
+/// Smallest and largest accepted share of the log rows whose residual error is within one and within two times the
+/// expected error.
 const INSIDE: [(f64, f64); 2] = [(0.55, 0.85), (0.84, 0.98)];
 /// Seconds of an hour.
 const HOUR: f64 = 3600.0;
@@ -183,7 +184,8 @@ impl Record<'_> {
         self.say_spoilt();
     }
 
-    /// Prints how much the range of the other runs grows when one sensor freezes in the middle of one training run.
+    /// Prints how much the range of the error in the other runs grows if one sensor freezes in the middle of one
+    /// training run.
     fn say_spoilt(&self) {
         let mut growths = Vec::new();
         let good = self.mended(self.dataset);
@@ -242,8 +244,8 @@ impl Record<'_> {
         }
     }
 
-    /// Identifies from every choice of this number of runs, and validates on all other runs. Returns the mean ratio of
-    /// the range to the range without compensation.
+    /// Identifies a model from every combination of this number of runs, and validates each model on all other runs.
+    /// Returns the mean ratio of the residual range to the range without compensation.
     fn few(&self, runs: usize, settings: &Settings) -> f64 {
         let ready = self.ready(false);
         let all = self.dataset.runs.len();

@@ -1,15 +1,17 @@
-//! Learning from touches on two public data sets, in the order of time, and the limits that it must reach.
+//! Test of learning from touches (measurements with a probe) on two public data sets, in the order of time, against
+//! limits.
 //!
 //! ```text
 //! cargo run --release -p isotherm-identify --example learned -- --mill runs/c*.csv --stage runs/day*.csv
 //! ```
 //!
-//! The head of the example `held_out` describes the data sets. The first three runs are the commissioning, with an error
-//! in each row. Each later run is judged on all its rows, and then learned from its hourly touches (σ 0.5 µm). The
-//! figures are means over several seeds of the touches. The example fails if a limit is missed.
+//! The head of the example `held_out` describes the data sets. The first three runs are the commissioning, with an
+//! error in each row. Each later run first tests the model on all its rows. Then the model learns from the hourly
+//! touches of that run (σ 0.5 µm). The results are means over several random seeds for the errors of the touches. The
+//! example fails if a limit is missed.
 //!
-//! A channel with fewer than six runs has no limit. With six runs, the candidate first differs from the model that stays
-//! on the fifth day. Therefore a judged candidate is first used on the sixth.
+//! A channel with fewer than six runs has no limit. The candidate first differs from the model of the commissioning on
+//! the fifth day. Therefore a tested candidate is first used on the sixth day.
 
 #![allow(
     clippy::unwrap_used,
@@ -36,20 +38,21 @@ use record::{machine, mean};
 
 mod record;
 
-/// Number of runs of the commissioning.
+/// Number of runs that are used for the commissioning.
 const COMMISSIONED: usize = 3;
-/// Smallest number of runs of a channel that counts.
+/// Minimum number of runs of an error channel to which the limits apply.
 const ENOUGH_RUNS: usize = 6;
-/// Standard deviation of a touch, µm.
+/// Standard deviation of the error of a touch (measurement with a probe), µm.
 const SIGMA: f64 = 0.5;
-/// Largest geometric mean of the ranges and root mean squares, as a ratio to the model that stays.
+/// Maximum geometric mean of the ranges and root mean squares of the residual error, as a ratio to the unchanged model.
 const MEAN: f64 = 0.9;
-/// Largest ratio of a channel.
+/// Maximum ratio of the residual error of one channel to that of the unchanged model.
 const WORST: f64 = 1.08;
-/// Smallest and largest share of the rows within one and within two times the expected error.
+/// Smallest and largest accepted share of the log rows whose residual error is within one and within two times the
+/// expected error.
 const INSIDE: [(f64, f64); 2] = [(0.55, 0.88), (0.82, 0.99)];
 
-/// Number of seeds of the errors of the touches.
+/// Number of random seeds for the errors of the touches.
 const SEEDS: u64 = 5;
 /// Models whose residual errors are printed, in this order.
 const MODELS: [&str; 5] = [
@@ -63,23 +66,24 @@ const MODELS: [&str; 5] = [
 const STAYS: usize = 1;
 const JUDGED: usize = 3;
 
-/// Residual errors of a channel over its later runs.
+/// Residual errors of an error channel over the runs after the commissioning.
 #[derive(Default)]
 struct Figures {
     /// Range and root mean square of each run with each of [`MODELS`].
     left: [Vec<(f64, f64)>; 5],
-    /// Rows within one and within two times the expected error, and all rows.
+    /// Number of rows within one expected error, within two times the expected error, and of all rows.
     inside: [usize; 3],
 }
 
-/// Figures of the channels that have limits.
+/// Results of the error channels that have limits.
 #[derive(Default)]
 struct Limited {
-    /// Ranges and root mean squares with the judged candidate, as ratios to the model that stays.
+    /// Range and root mean square of each channel with the tested candidate, as ratios to those with the unchanged
+    /// model.
     ratios: Vec<[f64; 2]>,
     /// For each channel with limits, whether the expected error is within its limits.
     bars: Vec<bool>,
-    /// Rows of all channels within one and within two times the expected error, and all rows.
+    /// Number of rows of all channels within one expected error, within two times the expected error, and of all rows.
     inside: [usize; 3],
 }
 
@@ -116,7 +120,7 @@ fn main() -> ExitCode {
 }
 
 impl Limited {
-    /// Prints the limits of all channels. Returns whether they are reached.
+    /// Prints the results of all channels with their limits. Returns whether the limits are reached.
     fn are_reached(&self) -> bool {
         if self.ratios.is_empty() {
             return true;
@@ -137,7 +141,7 @@ impl Limited {
     }
 }
 
-/// Prints the figures of a channel.
+/// Prints the results of one channel.
 fn said(channel: &str, found: &Figures, is_limited: bool, limited: &mut Limited) {
     let of = |place: usize| {
         let runs = &found.left[place];
@@ -158,8 +162,8 @@ fn said(channel: &str, found: &Figures, is_limited: bool, limited: &mut Limited)
     }
 }
 
-/// Prints the shares of the rows within one and within two times the expected error. Returns whether both are within
-/// their limits.
+/// Prints the shares of the rows within one and within two times the expected error. Returns whether the two shares are
+/// within their limits.
 fn are_inside(name: &str, [one, two, all]: [usize; 3], is_limited: bool) -> bool {
     let mut are_reached = true;
     for (times, inside, (least, most)) in [("one", one, INSIDE[0]), ("two", two, INSIDE[1])] {
@@ -177,13 +181,13 @@ fn reached(is_reached: bool) -> &'static str {
     if is_reached { "reached" } else { "MISSED" }
 }
 
-/// One channel of a data set.
+/// One error channel of a public data set.
 struct Record<'a> {
     files: &'a [PathBuf],
     /// Number of temperature sensors in the data set.
     sensors: usize,
     channel: &'a str,
-    /// Signals that are not used.
+    /// Names of the signals that are excluded from the model.
     without: &'a [&'a str],
 }
 
@@ -196,7 +200,8 @@ impl Record<'_> {
         (profile, choice)
     }
 
-    /// Reads the runs, and dates each one day after the previous one. Also returns the column of the error.
+    /// Reads the runs, and dates each one day after the previous run. Also returns the index of the column with the
+    /// error.
     fn dataset(&self) -> (Dataset, usize) {
         let mut dataset = Dataset::read(self.files, &Split::default(), &|_| None, &every_column).unwrap();
         let error = dataset.column(self.channel).unwrap();
@@ -207,13 +212,13 @@ impl Record<'_> {
         (dataset, error)
     }
 
-    /// Returns a model in use without any term.
+    /// Returns a model in use that has no terms.
     fn nothing(&self) -> InUse {
         InUse::of(&machine_without_model(&record::names(self.sensors)), "z").unwrap()
     }
 
-    /// Learns the channel from touches alone. Returns the root mean squares at the touches of each run after the first,
-    /// without compensation and with the candidate of each day, µm.
+    /// Learns a model of the channel from touches alone. Returns two root mean squares for each run after the first:
+    /// without compensation and with the candidate of that day, µm. They are calculated at the touches.
     fn alone(&self, seed: u64) -> Vec<(f64, f64)> {
         let ((profile, choice), (mut dataset, error)) = (self.machine(), self.dataset());
         let nothing = self.nothing();
@@ -230,7 +235,7 @@ impl Record<'_> {
         judged.iter().map(|run| (run.in_use_um, run.candidate_um)).collect()
     }
 
-    /// Learns the channel in the order of time.
+    /// Learns a model of the channel run by run, in the order of time.
     fn learned(&self, seed: u64, found: &mut Figures) {
         let (profile, choice) = self.machine();
         let (mut dataset, error) = self.dataset();
@@ -279,7 +284,7 @@ fn errors(chance: &mut Pcg64Mcg) -> Vec<f64> {
     (0..=24).map(|_| SIGMA * normal()).collect()
 }
 
-/// Returns the error of the touch in this hour of a run, µm.
+/// Returns the error of the touch in the hour `hour` of a run, µm.
 fn error_at(errors: &[f64], hour: f64) -> f64 {
     #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "hours of a day")]
     let hour = hour as usize;
@@ -292,14 +297,15 @@ fn machine_without_model(names: &[String]) -> Profile {
     isotherm_profile::parse(std::path::Path::new("record.toml"), &text, &[], &[]).unwrap().profile
 }
 
-/// Returns the growth of the variance since the datum, a and b, from the runs of the commissioning.
+/// Returns the coefficients a and b of the growth of the variance since the datum (zero point), from the runs of the
+/// commissioning.
 fn growth(profile: &Profile, dataset: &Dataset, choice: &Choice) -> [f64; 2] {
     let ready = ready(profile, dataset, choice).unwrap();
     let found = identify(&ready, &Settings::default(), None, false, &|_, _| {}).unwrap();
     found.expected.unwrap().since_datum
 }
 
-/// Replaces the errors of a run by hourly touches. `errors`: error of the touch in each hour, µm.
+/// Replaces the errors of a run by hourly touches. `errors` contains the error of the touch in each hour, µm.
 fn touched(single: &Dataset, error: usize, errors: &[f64]) -> Dataset {
     let mut touched = single.clone();
     touched.columns[error] = Column { name: "z_measured_um".to_owned(), kind: Kind::Displacement };
@@ -327,7 +333,7 @@ fn touch(run: &mut Run, error: usize, errors: &[f64]) {
     });
 }
 
-/// Returns the range and the root mean square of a run.
+/// Returns the range and the root mean square of the residual errors of a run.
 fn spread(left: &[f64]) -> (f64, f64) {
     let range = left.iter().copied().fold(f64::MIN, f64::max) - left.iter().copied().fold(f64::MAX, f64::min);
     (range, mean(left.iter().map(|left| left * left)).sqrt())

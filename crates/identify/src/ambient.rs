@@ -16,14 +16,14 @@ const AFTER_START: usize = 20;
 const STARTS: usize = 3;
 /// Time constants that are tried for the lag between the load and the temperature of a part that it warms, min.
 const LAGS_MIN: [f64; 4] = [6.0, 25.0, 75.0, 200.0];
-/// Maximum ratio of the variance explained by the load to that explained by time. It is not zero: with few runs, every
-/// slow signal correlates a little with a slow lag.
+/// Maximum ratio of the variance explained by the load to that explained by time. The limit is not zero: with few runs,
+/// every slow signal correlates a little with a slow lag of the load.
 const UNRELATED: f64 = 0.5;
 /// Maximum rise of a sensor after a start, as a ratio to the largest rise of any sensor.
 const COLD_AT_STARTS: f64 = 0.15;
 /// Maximum change of a sensor within 20 min, as a ratio to the largest change of any sensor.
 const SLOW: f64 = 1.0 / 3.0;
-/// Change within 20 min, °C, that the air of a hall does not make while its doors are closed.
+/// Minimum change of a temperature within 20 min, °C, that the air of a hall cannot cause while its doors are closed.
 const NO_AIR: f64 = 1.0;
 /// Minimum range (maximum minus minimum) of the readings of a sensor, °C. A sensor that changes less is not reported.
 const MOVES: f64 = 0.2;
@@ -35,14 +35,14 @@ struct Courses {
     sensors: Vec<Vec<f64>>,
 }
 
-/// Figures that decide whether a sensor behaves like the air.
+/// Statistics of one sensor that decide whether it behaves like the air.
 #[derive(Clone, Copy, Debug)]
 struct Figures {
-    /// Median rise after a start, minus the rise in the same time before it, °C.
+    /// Median rise of the temperature after a start of the load, minus the rise in an equal time before the start, °C.
     start: f64,
-    /// Largest change within 20 min, °C.
+    /// Largest temperature change within 20 min, °C.
     fastest: f64,
-    /// Largest share of the variance that a lag of the load explains, 0 to 1.
+    /// Largest share of the variance that the load explains through any lag, 0 to 1.
     load: f64,
     /// Share of the variance that a parabola over the time of each run explains, 0 to 1.
     time: f64,
@@ -52,7 +52,8 @@ struct Figures {
     range: f64,
 }
 
-/// Returns the log column of the temperature whose name means ambient air; otherwise the first temperature in `like`.
+/// Returns the log column of the temperature whose name means ambient air. If no name does, returns the first
+/// temperature in `like`.
 pub(crate) fn ambient_column(dataset: &Dataset, like: &[Finding]) -> Option<usize> {
     let name = |place: usize| dataset.columns[place].name.as_str();
     let is_named = |place: &usize| is_named_for_the_air(name(*place));
@@ -68,8 +69,8 @@ pub(crate) fn is_named_for_the_air(name: &str) -> bool {
     words.any(|word| ["ambient", "air", "room", "hall", "shop", "environment"].contains(&word))
 }
 
-/// Finds the sensors that behave like the air. The result is empty if the logs have no column of a speed, or with too
-/// few starts.
+/// Finds the sensors that behave like the air. The result is empty if the logs have no speed column, or too few starts
+/// of the load.
 pub(crate) fn find(dataset: &Dataset, columns: &[usize], error: usize) -> Vec<Finding> {
     let Some(load) = load(dataset) else { return Vec::new() };
     let runs: Vec<Courses> = dataset.runs.iter().map(|run| courses(run, load, error, columns)).collect();
@@ -105,7 +106,7 @@ pub(crate) fn find(dataset: &Dataset, columns: &[usize], error: usize) -> Vec<Fi
     columns.iter().zip(&all).filter(|(_, of)| is_air(of)).map(like).collect()
 }
 
-/// Returns the log column of the speed that exceeds 1 in the most rows; `None` if no speed exceeds 1.
+/// Returns the log column of the speed that exceeds 1 rpm in the most rows; `None` if no speed exceeds 1 rpm.
 fn load(dataset: &Dataset) -> Option<usize> {
     let turns = |column: &usize| {
         let values = dataset.runs.iter().flat_map(|run| &run.values[*column]);
@@ -176,7 +177,7 @@ fn figures(runs: &[Courses], sensor: usize) -> Figures {
     }
 }
 
-/// Returns the first-order lag of the load with this time constant, from an initial value of zero.
+/// Returns the load after a first-order lag with a time constant of `minutes`. The initial value is zero.
 fn lagged(load: &[f64], minutes: f64) -> Vec<f64> {
     let gone = 1.0 - (-1.0 / minutes).exp();
     let mut state = 0.0;
@@ -196,7 +197,7 @@ fn product(one: &[Vec<f64>], other: &[Vec<f64>]) -> f64 {
     one.iter().flatten().zip(other.iter().flatten()).map(|(one, other)| one * other).sum()
 }
 
-/// Returns the correlation coefficient of two series. Each series is centred in each run.
+/// Returns the correlation coefficient of two series. The mean of each run is subtracted from the series first.
 fn correlation(one: &[Vec<f64>], other: &[Vec<f64>]) -> f64 {
     let size = (product(one, one) * product(other, other)).sqrt();
     if size > 0.0 { product(one, other) / size } else { 0.0 }

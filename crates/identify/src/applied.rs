@@ -1,12 +1,13 @@
-//! Removal of Cz from errors that were measured while a compensation was active. Such an error is e + Cz; a model is
-//! identified from e.
+//! Removal of Cz (the compensation value) from errors that were measured while a compensation was active. Such an error
+//! is e + Cz, but a model is identified from e.
 
 use crate::dataset::{BadLog, Column, Dataset, Kind, Run};
 use crate::statistics::least_and_most;
 use crate::touches::is_acting;
 use isotherm_profile::{Profile, Writes};
 
-/// Range of the Cz in a log up to which Cz is treated as constant, µm. A constant Cz does not change the drift.
+/// Maximum range of the Cz in a log, µm, up to which Cz counts as constant. A constant Cz does not change the measured
+/// drift.
 const STANDS_STILL: f64 = 1e-9;
 
 /// Source of the Cz that was active during the measurement of the error.
@@ -22,7 +23,7 @@ pub enum Applied {
 }
 
 impl Applied {
-    /// Parses `none` or the name of a log column.
+    /// Parses the value of the option `--cz`: `none` or the name of a log column.
     pub fn named(text: &str) -> Applied {
         if text == "none" { Applied::Nothing } else { Applied::Column(text.to_owned()) }
     }
@@ -33,8 +34,9 @@ impl Applied {
     }
 }
 
-/// Returns whether the outputs of an axis move the machine, as far as the profile says. An output that only corrects a
-/// readout (DRO) does not. `None` means that the answer depends on how the error was measured.
+/// Returns whether the outputs of an axis move the machine, according to the profile. An output that only corrects a
+/// readout (DRO) does not move it. `None` means that the profile does not decide: the answer depends on how the error
+/// was measured.
 pub(crate) fn moves_the_machine(profile: &Profile, axis: &str) -> Option<bool> {
     let place = profile.axes.iter().position(|known| known.settings.name == axis)?;
     let outputs = profile.outputs.iter().filter(|output| output.axis.0 == place);
@@ -52,7 +54,7 @@ fn axis_of(error: &str) -> Option<&str> {
     ["_error_um", "_measured_um"].iter().find_map(|end| error.strip_suffix(end))
 }
 
-/// Returns the log column that the operator named as the source of the Cz that acted.
+/// Returns the log column that the operator named as the source of the active Cz.
 pub(crate) fn named(dataset: &Dataset, name: &str) -> Result<usize, BadLog> {
     let missing = || BadLog(vec![format!("no log has a column of numbers `{name}`, which --cz names")]);
     dataset.column(name).ok_or_else(missing)
@@ -121,15 +123,15 @@ fn acting(
     }
 }
 
-/// Returns the runs whose errors were recorded row by row. The errors of the other runs are touches, from which the Cz
-/// has been removed.
+/// Returns the runs whose errors were recorded row by row. The errors of all other runs are touches (measurements with
+/// a probe), from which Cz was already removed.
 fn recorded(dataset: &Dataset) -> impl Iterator<Item = &Run> {
     dataset.runs.iter().filter(|run| !run.is_touched())
 }
 
-/// Subtracts the Cz of this column from the measured error in each row. Returns the least and the greatest Cz, µm;
-/// `None` if no run was measured with Cz. A run without values in the column was measured without Cz. In all other runs,
-/// a row without Cz loses its error value.
+/// Subtracts the Cz of a log column from the measured error in each row. Returns the minimum and the maximum Cz, µm;
+/// `None` if no run was measured with Cz. A run without values in the column was measured without Cz. In all other
+/// runs, a row without Cz loses its error value.
 fn take_out(dataset: &mut Dataset, error: usize, column: usize) -> Option<(f64, f64)> {
     for run in dataset.runs.iter_mut().filter(|run| !run.is_touched()) {
         let cz = run.values[column].to_vec();

@@ -43,7 +43,7 @@ pub struct Terms {
     pub origin_mm: f64,
     /// Terms of each round. The first round is the cold one, with zeros only.
     pub rounds: Vec<RoundTerms>,
-    /// Remarks about unusual data.
+    /// Remarks for the operator about unusual data.
     pub remarks: Vec<String>,
 }
 
@@ -72,7 +72,7 @@ pub struct RoundTerms {
 /// ball.
 ///
 /// # Errors
-/// The terms cannot be calculated from these touches. Each message says what to do.
+/// The terms cannot be calculated from these touches. Each message says how to correct the touches.
 pub fn terms(dataset: &Dataset, origin: Option<f64>) -> Result<Terms, BadLog> {
     let rounds = rounds(dataset)?;
     let Some(cold) = rounds.first() else {
@@ -129,9 +129,10 @@ fn direction(cold: &[Touch]) -> Result<(usize, f64), BadLog> {
     Ok((along, length))
 }
 
-/// Minimum length of an array, mm.
+/// Minimum length of a ball array, mm.
 const SHORTEST: f64 = 5.0;
-/// Maximum extent across the array as a share of its length. A larger extent mixes expansion into the tilts.
+/// Maximum extent of a ball array across its direction, as a share of its length. A larger extent mixes expansion into
+/// the tilts.
 const SKEWED: f64 = 0.1;
 
 fn one(message: &str) -> BadLog {

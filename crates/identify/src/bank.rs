@@ -21,7 +21,7 @@ use isotherm_core::compensation::model::{Input, Inputs, Lag, Reference, Unusable
 use isotherm_core::compensation::{Compensation, Control, Permit, Remembered, Snapshot};
 use isotherm_core::quantity::Celsius;
 
-/// Time constants that are tried: none, 3, 6, 12, 25, 50, 100 and 200 minutes.
+/// Time constants of the lags that are tried, min: none (0), 3, 6, 12, 25, 50, 100 and 200 minutes.
 pub(crate) const LAGS_MIN: [u32; 8] = [0, 3, 6, 12, 25, 50, 100, 200];
 
 /// Returns the time constants of [`LAGS_MIN`]; `None` means no lag.
@@ -47,7 +47,7 @@ pub struct Candidate {
 /// Selection of the rows of a log. Masked rows, in which a sensor was frozen, are never selected.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Rows {
-    /// Log rows in which the error was measured.
+    /// Only log rows in which the error was measured.
     WithError,
     /// All log rows. If the error is missing in a row, the target is NaN.
     Every,
@@ -73,7 +73,7 @@ pub(crate) struct Traced {
     pub(crate) windows: Vec<u128>,
     /// Time of each row, in seconds since the first row of the run.
     pub(crate) seconds: Vec<f64>,
-    /// Cz that would compensate the whole error, µm: −(e − cold value of e).
+    /// Cz that would compensate the whole error, µm. It is −e, counted from the cold value of e.
     pub(crate) target: DVector<f64>,
     /// Rises of the inputs, in their units. Each candidate term has one column. The rises start at the same row as the
     /// target.
@@ -87,8 +87,9 @@ impl Candidate {
 }
 
 impl Bank {
-    /// Creates the matrix of candidate terms: all inputs with these lags, and the candidates in `beside`. Each speed
-    /// also contributes its square. A speed is used only with a lag, because a spindle warms the machine with a delay.
+    /// Creates the matrix of candidate terms: all inputs with these lags, and the candidates in `beside`. The square of
+    /// each speed is a candidate, too. A speed is used only with a lag, because a spindle warms the machine with a
+    /// delay.
     pub(crate) fn with_speeds(
         campaign: &Campaign<'_>,
         lags: &[Option<Duration>],
@@ -204,7 +205,7 @@ impl Traced {
     }
 }
 
-/// Computes the candidates of one run with the references and the lags of the gateway.
+/// Computes the candidate terms of one run with the references and lags that the gateway would use.
 pub(crate) fn trace(campaign: &Campaign<'_>, run: usize, candidates: &[Candidate], wanted: Rows) -> Traced {
     let masked = campaign.masked(run);
     let run = &campaign.dataset.runs[run];

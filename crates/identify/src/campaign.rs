@@ -1,4 +1,4 @@
-//! Runs of a dataset as the gateway would read them: through the signals of a profile, with one measured error.
+//! Logged runs as the gateway would read them: through the signals of a profile, with one measured error.
 
 use std::borrow::Cow;
 use std::cmp::Ordering;
@@ -15,10 +15,10 @@ use isotherm_core::quantity::{Micron, MicronPerSecond, Moment};
 use isotherm_core::reading::{Reading, Reason, SignalId};
 use isotherm_profile::{Axis, Profile, Unit};
 
-/// Averaging time of a reference, if the profile has no `settle`.
+/// Averaging time of a reference (value that is subtracted from a signal) if the profile has no `settle`.
 pub(crate) const USUAL_SETTLE: Duration = Duration::from_secs(180);
 
-/// Runs, inputs, and the error to compensate.
+/// Input of an identification: the logged runs, the possible inputs of a model, and the error to compensate.
 #[derive(Clone, Debug)]
 pub(crate) struct Campaign<'a> {
     /// Logs, with their faults repaired.
@@ -42,7 +42,7 @@ pub(crate) struct Campaign<'a> {
 /// Log column of a signal, and the range of its valid values, if the profile limits it.
 type Channel = (usize, Option<(f64, f64)>);
 
-/// Possible input of a model: a signal with its log column.
+/// Possible input of a model: a signal of the profile with its log column.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Input {
     /// Name of the signal, in the profile and in the logs.
@@ -60,11 +60,11 @@ impl Input {
     }
 }
 
-/// Signal of the axis position.
+/// Signal of the axis position, with its reference position.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Position {
     pub(crate) input: Input,
-    /// Position at which the slope adds nothing, mm.
+    /// Reference position, at which the slope adds nothing to Cz, mm.
     pub(crate) reference: f64,
 }
 
@@ -132,14 +132,14 @@ impl<'a> Campaign<'a> {
         }
     }
 
-    /// Returns the campaign in which the other runs are repaired without the data of this run. `None` if no repair used
-    /// this run.
+    /// Returns the campaign in which the other runs are repaired without data from the run `run`. `None` if no repair
+    /// used data from that run.
     pub(super) fn never_saw(&self, run: usize) -> Option<Campaign<'a>> {
         let dataset = self.mending.as_ref()?.never_saw(run)?;
         Some(Campaign { dataset: Cow::Owned(dataset), ..self.clone() })
     }
 
-    /// Returns the campaign with one more input. The readings of this input are used as recorded.
+    /// Returns the campaign with one additional input. The readings of this input are used as recorded.
     #[must_use]
     pub(crate) fn with_input(&self, input: Input) -> Campaign<'a> {
         let mut inputs = self.inputs.clone();
@@ -189,8 +189,8 @@ impl<'a> Campaign<'a> {
         }));
     }
 
-    /// Returns the machine start of this run: the first row in which the machine's signal is on. Without such a signal in
-    /// the logs, it is the first row with a usable reading.
+    /// Returns the time of the machine start in this run: the first row in which the profile's machine signal is on. If
+    /// the logs do not have that signal, the first row with a usable reading.
     pub(super) fn start(&self, run: &Run) -> Option<Moment> {
         let mut readings = Vec::new();
         run.times.iter().enumerate().find_map(|(row, now)| {
@@ -203,10 +203,10 @@ impl<'a> Campaign<'a> {
         })
     }
 
-    /// Returns the compensation that would leave no error at each row: Cz = −(e − its mean while the references
-    /// settle), µm. With several positions, each position has its own mean, because the cold error of a scale is no
-    /// drift. At a position that is first visited after the references have settled, the error is counted from the
-    /// first visit.
+    /// Returns the target of each row, µm: the Cz that would leave no error. The target is −e, counted from the mean of
+    /// e while the references settle. With several positions, each position has its own mean, because the cold error of
+    /// a scale is no drift. At a position that is first visited after the references have settled, the error is counted
+    /// from the first visit.
     pub(super) fn targets(&self, run: &Run) -> Vec<Target> {
         if let Errors::Touched(datum) = run.origin.errors {
             return self.touched(run, datum);
@@ -240,9 +240,9 @@ impl<'a> Campaign<'a> {
 }
 
 impl Campaign<'_> {
-    /// Returns the compensation that would leave no error at the datum of a run and at each of its touches, µm. The
-    /// compensation at the datum is 0, and a touch counts from there. The datum is the first row from `datum` on in
-    /// which every input has a value.
+    /// Returns the Cz that would leave no error at the datum (zero point) of a run and at each of its touches, µm. Cz
+    /// at the datum is 0, and the error of each touch is counted from there. The datum is the first row at or after
+    /// `datum` in which every input has a value.
     fn touched(&self, run: &Run, datum: TouchDatum) -> Vec<Target> {
         let errors = &run.values[self.error];
         let first = match datum {
@@ -323,7 +323,7 @@ fn whole(place: f64) -> i64 {
     whole
 }
 
-/// Returns the inputs that are not among the excluded sensors.
+/// Returns the inputs without the excluded sensors.
 pub(super) fn without(inputs: &[Input], excluded: &[Finding]) -> Vec<Input> {
     let is_good = |input: &&Input| !excluded.iter().any(|faulty| faulty.signal == input.name);
     inputs.iter().filter(is_good).cloned().collect()

@@ -1,4 +1,4 @@
-//! Checks for unusual logs. The messages say what to do.
+//! Checks for unusual logs. The messages tell the operator what to do.
 
 use std::time::Duration;
 
@@ -7,15 +7,16 @@ use crate::faults::Finding;
 use crate::statistics::{least_and_most, mean};
 use isotherm_profile::{counted, duration_text};
 
-/// Maximum temperature of a cold workshop, °C. If all sensors begin above it, they are probably in °F.
+/// Maximum temperature of a cold workshop, °C. If the first values of all sensors are above it, they are probably in
+/// °F.
 const COLD_SHOP: f64 = 45.0;
-/// Temperature above which all sensors begin only if they are in K.
+/// Limit for the first values of all sensors above which the values are in K.
 const KELVIN: f64 = 200.0;
 /// Minimum duration of a run with a measurable drift.
 pub(super) const SHORTEST_RUN: Duration = Duration::from_secs(20 * 60);
-/// Maximum duration of a run. A run of four hours is longer if its seconds are read as minutes.
+/// Maximum duration of a run. If a time column in seconds is read as minutes, a run of four hours exceeds it.
 const LONGEST_RUN: Duration = Duration::from_secs(10 * 24 * 3600);
-/// Maximum range of the position of a probe that measures at one position, mm.
+/// Maximum range of the position of an error measurement at one position, mm.
 const LONGEST_AT_ONE_PLACE: f64 = 1.0;
 /// Minimum range of an error, µm. A smaller one is noise or a column of zeros.
 const STANDS_STILL: f64 = 1e-6;
@@ -84,7 +85,7 @@ pub(super) fn fahrenheit(dataset: &Dataset, temperatures: &[usize]) -> Option<St
     })
 }
 
-/// Returns the message about a displacement in mm.
+/// Returns the message about a displacement column in mm.
 pub(super) fn in_mm(name: &str) -> String {
     format!(
         "{name} is in mm by its name or unit, and the error is needed in µm. Write µm, or let the name end with _um [mm]: \
@@ -135,7 +136,8 @@ pub(super) fn unused_position(dataset: &Dataset, error: usize) -> Option<String>
     })
 }
 
-/// Returns the reason why a column of this name was not used, as the end of a sentence; empty if no log has it.
+/// Returns the reason why the log column of this name was not used, as the end of a sentence. The result is empty if no
+/// log has that column.
 pub(super) fn why_lost(dataset: &Dataset, name: &str) -> String {
     let lost = dataset.lost.iter().find(|lost| lost.column == name);
     lost.map(|lost| format!(": {}", lost.message)).unwrap_or_default()
@@ -154,7 +156,8 @@ pub(super) fn column_of(dataset: &Dataset, name: &str, wrong: &mut Vec<String>) 
     found
 }
 
-/// Returns the remark about a sensor that appears to be faulty, but is used because the operator requested it.
+/// Returns the remark about a sensor that appears to be faulty. The sensor is used nevertheless, because the operator
+/// requested it.
 pub(super) fn stays(faulty: &Finding) -> String {
     format!("{} is used as requested, although it was found faulty: {}", faulty.signal, faulty.reason)
 }

@@ -1,4 +1,4 @@
-//! Collinearity of the terms of a sum.
+//! Collinearity of the terms of a model.
 
 use nalgebra::SymmetricEigen;
 
@@ -10,9 +10,9 @@ use crate::gram::Gram;
 /// square 1. They are not centred, because the model has no intercept.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Collinearity {
-    /// Ratio of the largest singular value to the smallest.
+    /// Condition number: ratio of the largest singular value to the smallest.
     pub(crate) condition: f64,
-    /// Variance inflation of each term: the ratio of the variance of its gain to the variance without similar terms.
+    /// Variance inflation factor of each term: ratio of the variance of its gain to the variance without similar terms.
     pub(crate) inflation: Vec<f64>,
 }
 

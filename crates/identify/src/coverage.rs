@@ -5,10 +5,11 @@ use crate::bank::Bank;
 use crate::campaign::Campaign;
 use crate::statistics::least_and_most;
 
-/// Share of the span of one run. A run goes far beyond the others if the span of all other runs together is smaller
-/// than this share of its span.
+/// Share of the span (maximum minus minimum) of one run. The run goes far beyond the others if the span of all other
+/// runs together is smaller than this share.
 const ALIKE: f64 = 1.0 / 3.0;
-/// Minimum spans: µm of the error, °C, and revolutions per minute. Smaller spans are ignored.
+/// Minimum spans (maximum minus minimum) of the error in µm, of temperatures in °C, and of speeds in rpm. Smaller spans
+/// are ignored.
 const MOVES_UM: f64 = 0.5;
 const MOVES_C: f64 = 0.5;
 const MOVES_RPM: f64 = 100.0;
@@ -46,7 +47,7 @@ impl Quantity<'_> {
     }
 }
 
-/// Returns a message for each run that goes far beyond all other runs. Empty if there is only one run.
+/// Returns a message for each run whose values go far beyond those of all other runs. Empty if there is only one run.
 pub(crate) fn alike(campaign: &Campaign<'_>, bank: &Bank) -> Vec<String> {
     if bank.runs.len() < 2 {
         return Vec::new();

@@ -3,10 +3,10 @@
 //! ```text
 //! file ── table (cells by column) ── split ── runs        kinds guessed from names, units and values
 //! ```
-//! A log is a CSV file with any separator of a spreadsheet, or a Parquet file. Its time column is the first one named
-//! `time`, `time_s` or `time_min`, or with a similar name of a logger. `time` is in seconds, in RFC 3339, or date and
-//! time of the time zone. Every other column has one number per row (NaN if missing), or text. Values that no sensor
-//! measured are left out, and named with file, line and value.
+//! A log is a CSV file with any separator of a spreadsheet, or a Parquet file. Its time column is the first column
+//! named `time`, `time_s` or `time_min`, or a similar name that loggers use. `time` is in seconds, in RFC 3339, or a
+//! local date and time. Every other column has one number per row (NaN if missing), or text. Values that no sensor
+//! measured are left out. A remark gives the file, the line and the value of each.
 
 use std::collections::{HashMap, HashSet};
 use std::path::{Path, PathBuf};
@@ -61,7 +61,7 @@ use formats::read_table;
 use split::Divided;
 use table::Table;
 
-/// Reason why a column of another quantity is not used.
+/// Reason why a log column is not used if its quantity is unknown.
 const UNKNOWN_QUANTITY: &str = "no temperature, displacement, speed or position by its unit, name and values. If it is \
                                 one, let the name end with its unit, such as _c or _um";
 
@@ -76,29 +76,30 @@ pub struct Dataset {
     pub runs: Vec<Run>,
     /// Remarks about unusual data that could be read nevertheless.
     pub remarks: Vec<String>,
-    /// Used columns without any number in a log, with file and reason.
+    /// Columns that are used, but have no number in one of the logs, with that file and the reason.
     pub lost: Vec<Refusal>,
-    /// Unused columns without any number in a log, with file and reason.
+    /// Columns that are not used, and have no number in one of the logs, with that file and the reason.
     pub texts: Vec<Refusal>,
-    /// Columns with too many values that no sensor measured. A verb that uses one of them must refuse the logs.
+    /// Columns with too many values that no sensor measured. A command that uses one of these columns must reject the
+    /// logs.
     pub implausible: Vec<Refusal>,
     /// Sentences about runs that contain the same minutes. Such runs must not be used to test a model.
     pub repeats: Vec<String>,
 }
 
-/// Log column that a verb does not use.
+/// Log column that a command does not use.
 #[derive(Clone, Debug, PartialEq, Eq, serde::Serialize)]
 pub struct UnusedColumn {
     /// Name of the column.
     pub name: String,
-    /// Reason why the verb does not use it.
+    /// Reason why the command does not use the column.
     pub why: String,
 }
 
 /// Log column that contains numbers.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Column {
-    /// Name in the header.
+    /// Name of the column in the header of the log.
     pub name: String,
     /// Kind of quantity, guessed from unit, name and values.
     pub kind: Kind,
@@ -184,7 +185,8 @@ impl Dataset {
         Ok(Dataset { columns, unread, remarks, runs, lost, texts, implausible, repeats })
     }
 
-    /// Returns the columns that a verb does not use, with the reason. `is_used` returns whether the verb uses a column.
+    /// Returns the columns that a command does not use, with the reason. `is_used` returns whether the command uses a
+    /// column.
     pub fn unused(&self, is_used: &dyn Fn(&Column) -> bool) -> Vec<UnusedColumn> {
         // The touches of a probe are used, although their columns are not kept.
         let read = self.columns.iter().chain(&self.unread).filter(|column| !is_used(column));
@@ -223,13 +225,13 @@ impl Dataset {
     }
 }
 
-/// Returns the unit of each column that states one in a log, in the words of a profile.
+/// Returns the unit of each column that has a unit in one of the logs, in the words of a profile.
 fn logged_units(tables: &[Table]) -> HashMap<String, &'static str> {
     let units = tables.iter().flat_map(|table| &table.units);
     units.filter_map(|(name, unit)| Some((name.clone(), unit::of_profile(name, unit)?))).collect()
 }
 
-/// Returns the columns of a file that state a unit of another quantity than the profile.
+/// Returns the columns of a file that have a unit of a different quantity than the profile states.
 fn foreign(table: &Table, units: Units<'_>) -> Vec<Refusal> {
     let refusal = |(name, logged): (&String, &String)| {
         let (expected, stated) = (units(name)?, unit::of_profile(name, logged)?);
@@ -247,7 +249,7 @@ fn foreign(table: &Table, units: Units<'_>) -> Vec<Refusal> {
     found
 }
 
-/// Returns a remark about the columns of other files that this file does not have; `None` if it has all of them.
+/// Returns a remark about the columns that other files have, but this file does not; `None` if it has all of them.
 fn lacking(table: &Table, names: &[String]) -> Option<String> {
     let own: HashSet<&str> = table.names_of_numbers().collect();
     let lacking: Vec<&str> = names.iter().map(String::as_str).filter(|name| !own.contains(name)).collect();

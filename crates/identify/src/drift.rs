@@ -1,5 +1,6 @@
 //! Drift in a log, in the terms of ISO 230-3: how much and when each displacement changed, and which movements warmed
-//! the machine in the same period. This is a description: it applies no duration and no limit of the standard.
+//! the machine in the same period. The module only describes the drift: it applies no test duration and no limit of the
+//! standard.
 
 use serde::Serialize;
 
@@ -90,7 +91,7 @@ pub struct Displacement {
     pub stages_um: Vec<Option<f64>>,
 }
 
-/// Change of one temperature over a run.
+/// Change of the temperature at one sensor over a run.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Temperature {
     /// Name of the log column with the temperature.
@@ -106,12 +107,12 @@ pub struct Temperature {
 }
 
 /// Calculates the drift of every run. `displacements` names the columns; if it is empty, all columns in µm are used.
-/// `test` is the test of the standard; by default, it follows from what turns or moves. `units` returns the unit of a
+/// `test` is the test of the standard; `None` chooses it from the movements in the log. `units` returns the unit of a
 /// column in the profile.
 ///
 /// # Errors
-/// A displacement column is missing or has no values, a run has no duration, or the unit of its times is probably another
-/// one. Each message says what to do.
+/// A displacement column is missing or has no values, a run has no duration, or the unit of its times is probably
+/// wrong. Each message tells the operator what to do.
 pub fn drift(
     dataset: &Dataset,
     displacements: &[String],

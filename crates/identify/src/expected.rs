@@ -8,10 +8,11 @@
 //!
 //! The fit is least squares of the squared residuals on (h, 1), with a and b not negative. The fit is then repeated
 //! with the weights 1/σ⁴, because squares of normal errors scatter in proportion to σ² (gamma likelihood). Each run has
-//! the same weight. Only every fifth row is used, because neighbouring rows are similar. Every touch is used.
+//! the same weight. Only every fifth row is used, because neighbouring rows are similar. Touches (measurements with a
+//! probe) are all used.
 //!
-//! Runs that were measured row by row count, if there are three of them. Otherwise, runs that were measured by touches
-//! count as well.
+//! If at least three runs were measured row by row, only these runs are used. Otherwise, runs that were measured by
+//! touches are used, too.
 
 use serde::Serialize;
 
@@ -23,15 +24,15 @@ const ROUNDS: usize = 12;
 /// Assumed interval of the probings of a machine, s.
 const TOUCHES_EVERY: f64 = 3600.0;
 
-/// The coefficients a and b of σ² = a·h + b.
+/// Coefficients a (µm²/h) and b (µm²) of the growth σ² = a·h + b.
 pub type Growth = [f64; 2];
 
 /// Expected error of a model.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Expected {
-    /// Growth of σ² with the hours since the datum, which is here the start of the run.
+    /// Growth of σ² with the hours since the datum (zero point), which is the start of the run here.
     pub since_datum: Growth,
-    /// Growth of σ² with the hours since the last probing.
+    /// Growth of σ² with the hours since the last probing (measurement with the probe).
     pub since_touch: Growth,
 }
 
@@ -51,8 +52,8 @@ type Row = (f64, f64, f64);
 /// Estimates the expected error from the held-out runs.
 ///
 /// # Errors
-/// Returns why there is none: all residuals are zero, or there are fewer than three runs. With two runs, each model is
-/// identified from one run only.
+/// Returns the reason why no expected error is known: all residuals are zero, or there are fewer than three runs. With
+/// two runs, each model is identified from one run only.
 pub(crate) fn expected(held_out: &[HeldOut]) -> Result<Expected, &'static str> {
     is_enough(held_out).ok_or("it needs three runs, of which each is held out in turn")?;
     let used = preferred(held_out.iter(), 3);
@@ -73,8 +74,8 @@ fn is_enough(held_out: &[HeldOut]) -> Option<()> {
     (held_out.len() > 2).then_some(())
 }
 
-/// Returns the shares of this run within the error that is expected from the other runs; `None` if these runs give no
-/// expected error.
+/// Returns the shares of the rows of this run that are within the error expected from the other runs. `None` if the
+/// other runs give no expected error.
 pub(crate) fn inside(held_out: &[HeldOut], run: usize) -> Option<Inside> {
     is_enough(held_out)?;
     let others = held_out.iter().enumerate().filter(|(other, _)| *other != run).map(|(_, held)| held);
@@ -114,7 +115,7 @@ fn since_touch(held: &HeldOut) -> Vec<Row> {
     rows(since.zip(left), step(held))
 }
 
-/// Returns how many rows of a run count as one.
+/// Returns the step between the rows of a run that are used: 1 for touches, more for rows of a log.
 fn step(held: &HeldOut) -> usize {
     if held.is_touched() { 1 } else { EVERY }
 }
@@ -143,7 +144,7 @@ fn growth(rows: Vec<Row>) -> Option<Growth> {
     Some(found)
 }
 
-/// Returns the weighted least-squares line whose coefficients a and b are not negative.
+/// Returns the coefficients a and b of a weighted least-squares line, with neither of them negative.
 fn line(rows: &[Row]) -> Growth {
     let sum = |of: &dyn Fn(f64, f64) -> f64| rows.iter().map(|(h, y, w)| w * of(*h, *y)).sum::<f64>();
     let (n, h, hh) = (sum(&|_, _| 1.0), sum(&|h, _| h), sum(&|h, _| h * h));

@@ -17,7 +17,7 @@ use isotherm_profile::Profile;
 /// Creates the JSON document of `isotherm identify`: the result, with the machine and the logs.
 ///
 /// # Errors
-/// A figure cannot be represented in JSON.
+/// A number cannot be represented in JSON.
 pub fn document(
     profile: &Profile,
     ready: &Ready<'_>,

@@ -1,6 +1,7 @@
 //! Faults of sensors in the logs, with their times.
 //!
-//! One faulty sensor in a model makes the worst run several times worse than no compensation. These are faults:
+//! One faulty sensor in a model makes the worst run several times worse than no compensation. The following readings
+//! are faults:
 //! - **jump**: more than 3 °C within a minute, permanently. No casting changes that fast; the sensor is new or broken.
 //! - **spike**: more than 2 °C up or down, and back within five minutes: a bad contact.
 //! - **frozen**: a constant reading while the predictions of the other sensors move. The virtual sensors (`stand_in`)
@@ -8,8 +9,9 @@
 //! - **constant**: a sensor without information.
 //! - **missing**: no value in more than a fifth of a run.
 //!
-//! The first three affect one run, but not the sensor in other runs. Their rows are rebuilt if the good runs show that
-//! this is possible. The rows of a freeze are masked. The sensor is left out only if neither is possible.
+//! Jumps, spikes and freezes affect one run, but not the sensor in other runs. Readings with jumps or spikes are
+//! rebuilt if the good runs show that this is possible. The rows of a freeze are masked. The sensor is left out only if
+//! neither is possible.
 
 use std::borrow::Cow;
 use std::time::Duration;
@@ -25,24 +27,24 @@ pub(super) mod mend;
 mod rebuild;
 pub(crate) mod standstill;
 
-/// Rate that no casting reaches, °C per minute.
+/// Rate of temperature change that no casting reaches, °C per minute.
 const JUMP: f64 = 3.0;
 /// Minimum height of a spike, °C.
 const SPIKE: f64 = 2.0;
 const SPIKE_LASTS: Duration = Duration::from_secs(300);
-/// Maximum time between the step at the end of a freeze and the minute that shows it, s.
+/// Maximum time between the step at the end of a freeze and the minute in which the step appears, s.
 const THAWS: f64 = 120.0;
-/// Largest share of the rows of a run that may be missing.
+/// Maximum share of the rows of a run in which the reading of a sensor may be missing.
 pub(super) const MISSING: f64 = 0.2;
 /// Minimum change of the readings of a sensor in any run, °C. A sensor whose readings change less is constant.
 const STANDS_STILL: f64 = 1e-6;
 
-/// Finding about a sensor.
+/// Sensor with a special property, for example a fault, and the reason.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Finding {
     /// Name of the sensor's signal.
     pub signal: String,
-    /// Reason, with run, time or figures.
+    /// Reason for the finding, with run, time or numbers.
     pub reason: String,
 }
 
@@ -58,7 +60,7 @@ pub struct Omission {
     pub without_um: f64,
 }
 
-/// Facts about the logs that the operator must know, besides the figures.
+/// Facts about the logs that the operator must know, in addition to the results.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Notes {
     /// Sensors that are left out, with the reason.
@@ -71,7 +73,7 @@ pub struct Notes {
     pub remarks: Vec<String>,
 }
 
-/// Repair of the readings of a sensor in one run. The sensor was faulty in that run, and is used nevertheless.
+/// Repair of the readings of a sensor in one run. The sensor was faulty in that run, but is used nevertheless.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Repaired {
     /// Name of the sensor's signal.
@@ -168,7 +170,7 @@ impl Fault {
         Fault { column, run: Some(run), message, damage: Damage::Frozen, rows }
     }
 
-    /// Returns the finding. `more` is added to the message.
+    /// Returns the freeze as a finding about the sensor. `more` is added to the message.
     pub(super) fn finding(&self, dataset: &Dataset, more: &str) -> Finding {
         let run = self.run.map(|run| format!(" in {}", dataset.runs[run].name)).unwrap_or_default();
         let signal = dataset.columns[self.column].name.clone();

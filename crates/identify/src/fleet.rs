@@ -5,11 +5,13 @@
 //! machine 1:  records ── RunProducts::of ── file ──┐
 //! machine 2:  records ── RunProducts::of ── file ──┴── add ── learn ── FleetModel ── block
 //! ```
-//! `whitened` needs only the sums of products of a run's columns: less than 100 kB for sixteen sensors, independent of
-//! its length. The sums depend only on the run. Therefore a model from stored products equals a model from the records,
-//! to the last bit. An exception is a faulty sensor that was repaired with the help of other runs.
+//! The method `whitened` needs only the sums of products of a run's columns: less than 100 kB for sixteen sensors,
+//! whatever the length of the run. The sums depend only on the run. Therefore a model from stored products equals a
+//! model from the records, to the last bit. An exception is a faulty sensor that was repaired with the help of other
+//! runs.
 //!
-//! Products contain no single rows. Therefore they give no range, no envelope and no stand-ins.
+//! Products do not contain single rows. Therefore a model from products has no range of the error, no envelope, and no
+//! stand-ins for lost sensors.
 
 use std::time::Duration;
 
@@ -28,7 +30,7 @@ use isotherm_profile::duration_text;
 use isotherm_profile::sha256;
 
 const FORMAT: &str = "isotherm-products";
-/// Comment of a block: what products cannot give.
+/// Comment in a model block: the parts that a model from products cannot have.
 pub(crate) const NO_VALUES: &str =
     "# No envelope and no stand-ins: products do not contain the values of the inputs.\n";
 const VERSION: u64 = 1;
@@ -47,7 +49,7 @@ pub struct RunProducts {
     runs: Vec<Run>,
 }
 
-/// Column X of the products: a signal with a lag, or its square.
+/// Column of X in the products: a signal with a lag, or the square of that signal.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Column {
@@ -86,7 +88,7 @@ struct File {
     products: RunProducts,
 }
 
-/// Keys that identify the format. They are read first, because a file of another version may have other keys.
+/// Keys that identify the file format. They are read first, because a file of another version may have different keys.
 #[derive(Deserialize)]
 struct Head {
     format: Option<String>,
@@ -120,7 +122,8 @@ pub struct FleetTerm {
     pub squared: bool,
     /// Gain of the input in Cz = −e, in µm per unit of the input.
     pub gain: f64,
-    /// Gains of the two models whose mean is `gain`: ridge regression, and elastic net. `None` with one or two runs.
+    /// Gains of the two models whose mean is `gain`: the ridge regression, and the elastic net. `None` with one or two
+    /// runs, from which only a ridge regression is fitted.
     pub halves: Option<[f64; 2]>,
 }
 
@@ -133,15 +136,15 @@ pub struct RunLeft {
     pub run: String,
     /// Error without compensation.
     pub uncompensated_rms_um: f64,
-    /// Error with a model from all other runs; `None` if there are none.
+    /// Error with a model from all other runs; `None` if there are no other runs.
     pub rms_um: Option<f64>,
-    /// Error with a model from the runs of other machines; `None` if there are none.
+    /// Error with a model from the runs of other machines; `None` if there are no other machines.
     pub other_machines_rms_um: Option<f64>,
 }
 
 impl RunProducts {
-    /// Calculates the Gram products of each run of a campaign. `machine`: name of the machine, which distinguishes its
-    /// runs from those of other machines.
+    /// Calculates the Gram products of each run of a campaign. The name `machine` distinguishes the runs of this
+    /// machine from those of other machines.
     ///
     /// # Errors
     /// Returns a message if the settings are not `whitened` with every sensor, or if a run has no complete row.
@@ -322,8 +325,8 @@ impl RunProducts {
     /// Identifies a model from all runs by the method `whitened`. The last run has the weight 1, and each earlier run
     /// `forgetting` times the weight of the run after it. No run is held out for a residual error.
     ///
-    /// In the choice of a penalty, a held-out run counts by the mean of its squared residuals. A run of eight touches is
-    /// as long as a run of five hundred rows, and shows as much.
+    /// When a penalty is chosen, each held-out run counts by the mean of its squared residuals. A run with eight
+    /// touches therefore counts as much as a run with five hundred rows.
     pub(crate) fn learn_recent(&self, forgetting: f64) -> FleetModel {
         let newest = self.runs.len().saturating_sub(1);
         let weight = |run: usize| {
@@ -348,7 +351,7 @@ impl RunProducts {
             && self.resample_s.to_bits() == other.resample_s.to_bits()
     }
 
-    /// Returns whether these products were calculated from the same rows, under the same name of the run or another one.
+    /// Returns whether these products were calculated from the same rows, even if the run has another name.
     pub(crate) fn has_same_rows(&self, other: &RunProducts) -> bool {
         let own = self.runs.iter().map(|run| (&run.plain, &run.white));
         self.is_like(other) && own.eq(other.runs.iter().map(|run| (&run.plain, &run.white)))
@@ -414,7 +417,7 @@ impl RunProducts {
         }
     }
 
-    /// Returns the columns of the products as a matrix of candidate terms that has no rows.
+    /// Returns the columns of the products as a matrix of candidate terms without any rows.
     fn bank(&self) -> Bank {
         let mut signals: Vec<&str> = Vec::new();
         let mut is_speed = Vec::new();
@@ -461,7 +464,7 @@ impl Sums {
         }
     }
 
-    /// Returns whether the sums of products were made with this number of columns (terms).
+    /// Returns whether the sums were calculated with `width` columns (terms).
     fn has(&self, width: usize) -> bool {
         self.cross.len() == width && self.square.len() == width * (width + 1) / 2
     }
@@ -490,7 +493,7 @@ impl FleetModel {
         self.block_of("fleet", &head, "")
     }
 
-    /// Returns the terms as those of an existing model.
+    /// Returns the terms of the model in the form of an existing model (prior).
     pub(crate) fn prior(&self) -> Vec<PriorTerm> {
         let term = |term: &FleetTerm| PriorTerm {
             signal: term.signal.clone(),

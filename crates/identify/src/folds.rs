@@ -10,8 +10,8 @@ pub(super) struct Fold {
     pub(super) held: Gram,
 }
 
-/// Returns the groups of runs that are held out together: single runs if there are at most eight, otherwise seven
-/// groups by index.
+/// Divides the runs into groups that are held out together. Up to eight runs are single groups; more runs are divided
+/// into seven groups by index.
 pub(super) fn folds(runs: &[usize]) -> Vec<Vec<usize>> {
     const FEW: usize = 8;
     const FOLDS: usize = 7;

@@ -1,5 +1,5 @@
-//! Products X'X, X'y and y'y of a run. With them, a fit of any subset of the candidate terms needs no second pass over
-//! the data.
+//! Gram products X'X, X'y and y'y of a run. With these products, a fit of any subset of the candidate terms needs no
+//! second pass over the data.
 
 use std::ops::AddAssign;
 
@@ -77,7 +77,7 @@ impl Gram {
         self
     }
 
-    /// Multiplies all products and the number of rows by `weight`, so that the rows count less.
+    /// Multiplies all products and the number of rows by `weight`, so that the rows have less weight in a sum.
     pub(crate) fn faded(mut self, weight: f64) -> Gram {
         self.rows *= weight;
         self.times(weight)
@@ -116,7 +116,7 @@ impl Gram {
         (self.divided(&scales, self.rows.max(1.0)), scales)
     }
 
-    /// Returns the products with X'X and X'y changed: each column is divided by its scale, and all sums by `rows`.
+    /// Returns the products with X'X and X'y changed: each column is divided by its scale, and each sum by `rows`.
     pub(crate) fn divided(&self, scales: &DVector<f64>, rows: f64) -> Gram {
         let shares = scales.map(|scale| 1.0 / scale);
         let mut divided = self.clone();

@@ -33,7 +33,7 @@ mod single_sensor;
 pub use lost_sensor::Fallback;
 pub use single_sensor::Alone;
 
-/// Maximum number of sensors in the table of results by the number of sensors.
+/// Maximum number of sensors for which a held-out result is calculated.
 const MOST_COUNTED: usize = 8;
 
 /// Model with its cross-validation. Serialized, it is the JSON of `identify`.
@@ -88,7 +88,7 @@ pub struct Identified {
     pub stand_ins: Vec<StandIn>,
     /// Models that are used if one sensor is lost, the best first.
     pub fallbacks: Vec<Fallback>,
-    /// Measured error and predicted Cz of every held-out run, row by row.
+    /// Measured error and predicted Cz in every row of the held-out runs.
     #[serde(skip)]
     pub held_out: Vec<HeldOut>,
     /// Model that was identified from all runs.
@@ -112,7 +112,8 @@ pub struct TermFound {
     pub lag_s: f64,
     /// Gain of the input in Cz = −e, in `unit`.
     pub gain: f64,
-    /// Unit of the gain: µm per unit of the signal, for example µm/°C. For a term of the slope, for example µm/mm/°C.
+    /// Unit of the gain: µm per unit of the signal, for example µm/°C. The gain of a slope term has for example
+    /// µm/mm/°C.
     pub unit: String,
     /// Standard error of the gain; `None` if there are too few runs.
     pub se: Option<f64>,
@@ -140,7 +141,7 @@ pub struct ColumnShown {
     pub name: String,
     /// Kind of quantity, detected from unit, name and values.
     pub kind: Kind,
-    /// Use of the log column in the identification.
+    /// Word for the use of the log column in the identification.
     pub used: &'static str,
     /// Smallest step between two values; 0 if the values never change. `None` if the log column was not read.
     pub resolution: Option<f64>,
@@ -287,7 +288,7 @@ impl Identified {
     }
 }
 
-/// Identifies a model from the runs `runs`, and returns its result on each of the other runs.
+/// Identifies a model from the runs `runs`, and returns the result of that model on each of the other runs.
 ///
 /// # Errors
 /// No model can be identified from these runs. The message says what to do.
@@ -322,7 +323,7 @@ fn over_touches(campaign: &Campaign<'_>) -> Option<String> {
     })
 }
 
-/// Returns a remark on the reliability of a model from one or two runs; `None` for more.
+/// Returns a remark on the reliability of a model from one or two runs; `None` for three or more runs.
 fn worth(runs: usize, has_prior: bool) -> Option<String> {
     let share = match (runs, has_prior) {
         (1, false) => {
@@ -387,8 +388,8 @@ fn terms_of(campaign: &Campaign<'_>, bank: &Bank, gains: &[(Candidate, f64)]) ->
     gains.iter().map(term).collect()
 }
 
-/// Returns the columns of the logs with their use. The figures are those of the recorded readings, because rebuilt
-/// readings have no resolution.
+/// Returns the columns of the logs with their use. Resolution, minimum and maximum are those of the recorded readings,
+/// because rebuilt readings have no resolution.
 fn columns(ready: &Ready<'_>, error: &str) -> Vec<ColumnShown> {
     let (touches, runs) = (touches::columns(&ready.axis), &ready.logs.runs);
     let are_touches = runs.iter().any(|run| run.is_touched());

@@ -1,18 +1,18 @@
 //! Runs without a column that other runs have. Either these runs or the column must be left out, because a model cannot
-//! use a row in which an input is missing. The choice that leaves less error on held-out runs is used, and a remark states
-//! both errors.
+//! use a row in which an input is missing. The choice with the smaller error on held-out runs is used, and a remark
+//! states the errors of the two choices.
 
 use crate::dataset::Dataset;
 use crate::faults::{MISSING, missing};
 use isotherm_profile::counted;
 
-/// Maximum number of groups of runs for which each choice is tried on its own. If there are more groups, they are tried
-/// only together.
+/// Maximum number of groups of runs that are left out one at a time as a trial. If there are more groups, only all
+/// groups together are tried.
 const MOST_GROUPS: usize = 6;
-/// Largest ratio of the errors without the runs and without the columns for which the runs are left out. A smaller
-/// difference is not significant, and then all runs are kept.
+/// Maximum ratio of the error without the runs to the error without the columns for which the runs are left out. A
+/// smaller difference is not significant, and then all runs are kept.
 const CLEARLY: f64 = 0.98;
-/// Maximum number of runs that a remark names.
+/// Maximum number of runs that a remark lists.
 const NAMED: usize = 5;
 
 /// Runs that lack the same columns.
@@ -22,12 +22,12 @@ struct Group {
     runs: Vec<usize>,
 }
 
-/// Function that returns the root mean square of the residual error, µm, on these runs of a dataset, each held out. The
-/// columns that a run lacks are no inputs of the model. `None` if the model cannot be tested.
+/// Function that returns the root mean square of the residual error on the given runs of a dataset, µm. Each run is
+/// held out in turn. Columns that a run lacks are not inputs of the model. `None` if the model cannot be tested.
 pub(crate) type Left<'a> = &'a dyn Fn(&Dataset, &[usize]) -> Option<f64>;
 
-/// Leaves out the runs that lack some of the columns `inputs`, if this leaves clearly less error than leaving out these
-/// columns. Both errors are those of the runs that have all columns. Adds a remark about the choice.
+/// Leaves out the runs that lack some of the columns `inputs`, if the error is then clearly smaller than without these
+/// columns. Both errors are calculated on the runs that have all columns. Adds a remark about the choice.
 pub(crate) fn leave_out(dataset: &mut Dataset, inputs: &[usize], left: Left<'_>) {
     let groups = groups(dataset, inputs);
     let is_complete = |run: &usize| !groups.iter().any(|group| group.runs.contains(run));
@@ -92,7 +92,7 @@ fn groups(dataset: &Dataset, inputs: &[usize]) -> Vec<Group> {
     groups
 }
 
-/// Returns the remark about the choice, with both errors.
+/// Returns the remark about the choice between runs and columns, with both errors.
 fn remark(
     dataset: &Dataset,
     choice: &[Group],

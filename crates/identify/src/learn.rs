@@ -26,9 +26,9 @@ pub enum Learned {
     Sum(Vec<(Candidate, f64)>),
     /// Mean of two sums over the same terms. The difference of the two sums shows how reliable their mean is.
     Mean {
-        /// Gains of the mean of the two models.
+        /// Gains of the mean model.
         gains: Vec<(Candidate, f64)>,
-        /// Gains of the two models for each term: of ridge regression, and of the elastic net.
+        /// Gains of the two models for each term: first the ridge regression, then the elastic net.
         halves: Vec<[f64; 2]>,
     },
     /// Network whose inputs are rises.

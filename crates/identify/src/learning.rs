@@ -1,5 +1,5 @@
-//! Learning from touches, one run after the other: products of each run, a candidate from all of them, and a judgement
-//! of the candidate against the model in use.
+//! Learning from touches (measurements with a probe), one run after the other. The Gram products of each run are
+//! stored, and all of them give a candidate model. Each run then compares the candidate with the model in use.
 //!
 //! ```text
 //! logs ── runs from datum to datum ── judge (in use, candidate) ── products ── candidate
@@ -7,13 +7,16 @@
 //!                                  learning record            a file for each run
 //! ```
 //!
-//! - The products of a run ([`RunProducts`]) outlive its logs. A year of runs gives a model in seconds.
+//! - The products of a run ([`RunProducts`]) are kept when its logs are deleted. A model from a year of runs takes
+//!   seconds.
 //! - After each run, the weight of every older run is multiplied by 0.9.
-//! - In the choice of a penalty, a run of touches counts as much as a run that was recorded row by row.
-//! - A day is judged before it is learned from. [`isotherm_core::candidate`] contains the decision.
+//! - When a penalty is chosen, a run with touches counts as much as a run that was recorded row by row.
+//! - The two models are compared on a day before that day is learned from. [`isotherm_core::candidate`] decides about
+//!   the candidate.
 //! - A touch that disagrees with the model, and with the touch after it, is left out ([`doubt`]).
 //!
-//! Nothing here reads a file or a clock. The caller reads the logs, and stores what [`Learning`] returns.
+//! This module reads neither files nor a clock. The caller reads the logs, and stores the files that [`Learning`]
+//! returns.
 
 use std::time::Duration;
 
@@ -42,14 +45,14 @@ pub use judged::{ModelRows, rows};
 
 /// Factor by which the weight of each older run is multiplied after a run.
 pub const FORGETTING: f64 = 0.9;
-/// Maximum number of runs that are stored. The weight of an older one is less than rounding.
+/// Maximum number of runs that are stored. The weight of an older run is smaller than the rounding error.
 pub const MOST_RUNS: usize = 400;
-/// Time after the last row of an open run at which the run counts as complete.
+/// Time after the last row of an open run after which the run counts as complete.
 const OVER: Duration = Duration::from_hours(1);
 /// Averaging time of log rows.
 const RESAMPLE: Duration = Duration::from_mins(1);
 
-/// Runs from which the model of one axis is learned, and the judgement of the candidate.
+/// Runs from which the model of one axis is learned, and the comparison of the candidate model with the model in use.
 #[derive(Clone, Debug)]
 pub struct Learning {
     axis: String,
@@ -58,7 +61,7 @@ pub struct Learning {
     record: Record,
 }
 
-/// Products of one run, as stored in a file.
+/// Gram products of one run, as stored in a file.
 #[derive(Clone, Debug)]
 struct LearnedRun {
     name: String,
@@ -68,19 +71,20 @@ struct LearnedRun {
 /// Result for one run of the logs.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct TakenRun {
-    /// Name of the run: its datum if it was measured by touches, otherwise the name of its file.
+    /// Name of the run: the time of its datum (zero point) if it was measured by touches, otherwise the name of its
+    /// file.
     pub run: String,
     /// Number of touches; `None` if the run was measured row by row.
     pub touches: Option<usize>,
-    /// Number of touches that were left out, because they disagree with the model and with the touch after them.
+    /// Number of touches that were left out because they disagree with the model and with the next touch.
     pub doubted: usize,
-    /// Judgement of the run; `None` if it was not judged.
+    /// Comparison of the two models on this run; `None` if the run was not compared.
     pub judged: Option<JudgedRun>,
     /// Reason why the run is not used; `None` if it is used.
     pub skipped: Option<String>,
 }
 
-/// Residual error at the touches of a run before it was learned from, as root mean squares in µm.
+/// Residual errors at the touches of a run before the run was learned from, as root mean squares in µm.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct JudgedRun {
     /// Residual error with the model in use.
@@ -103,8 +107,9 @@ pub fn choice(profile: &Profile, axis: &str, without: &[String]) -> Choice {
 }
 
 impl Learning {
-    /// Restores the learning from its files: name and content of each file of a run, and the record. The order of the
-    /// files does not matter. Also returns a message for each file that cannot be used.
+    /// Restores the learning from its files. The arguments are the name and content of the file of each run, and the
+    /// learning record. The order of the files does not matter. Also returns a message for each file that cannot be
+    /// used.
     pub fn restore(
         axis: &str,
         files: impl IntoIterator<Item = (String, Vec<u8>)>,
@@ -120,7 +125,10 @@ impl Learning {
         }
         runs.sort_by(|one, other| one.name.cmp(&other.name));
         let record = record.map(read_record).transpose().unwrap_or_else(|why| {
-            wrong.push(format!("{}: {why}. The judged days are counted again", Learning::record_name(axis)));
+            wrong.push(format!(
+                "{}: {why}. The count of judged days begins again at zero",
+                Learning::record_name(axis)
+            ));
             None
         });
         let mut record = record.unwrap_or_default();
@@ -145,7 +153,7 @@ impl Learning {
     }
 
     /// Returns the first day of the logs that must be read, as text (2026-01-31). Runs that end on earlier days are
-    /// known.
+    /// known already.
     pub fn first_day(&self) -> String {
         stamp(self.record.until).chars().take_while(|c| *c != 'T').collect()
     }
@@ -160,8 +168,8 @@ impl Learning {
         self.runs.len()
     }
 
-    /// Sets the model in use. Days that judged another one are discarded, unless it is the candidate that was offered
-    /// last: then it was adopted.
+    /// Sets the model in use. Days that were compared with another model are discarded. An exception is the candidate
+    /// that was offered last: then that candidate was adopted.
     pub fn compare_with(&mut self, in_use: Option<&InUse>) {
         let fingerprint = in_use.map(InUse::fingerprint).unwrap_or_default();
         if self.record.in_use != fingerprint {
@@ -173,8 +181,8 @@ impl Learning {
         }
     }
 
-    /// Returns a candidate in the form in which a gateway may adopt it. `compared_with`: name of the learned model in
-    /// use; `None` if the model of the profile is in use.
+    /// Returns a candidate in the form in which a gateway can adopt it. `compared_with` is the name of the learned
+    /// model in use; `None` if the model of the profile is in use.
     pub fn offer(&mut self, profile: &Profile, model: &FleetModel, compared_with: Option<String>) -> Offer {
         self.record.offered = fingerprint(&model.prior());
         let slot = settings(profile, &self.axis).and_then(|own| own.learned.as_ref());
@@ -204,14 +212,15 @@ impl Learning {
         format!("learned-{day}-{hash}")
     }
 
-    /// Records that the candidate is the model in use now. The days that judged it remain.
+    /// Records that the candidate is now the model in use. The days that were compared with it remain.
     pub fn adopted(&mut self, candidate: &InUse) {
         self.record.judgement.adopted();
         self.record.in_use = candidate.fingerprint();
     }
 
-    /// Judges and learns each complete run of these logs that is not known yet, in the order of time. `now`: present
-    /// time; `None` if later logs follow, so that a run at the end of these logs is not complete.
+    /// Compares the models on each complete run of these logs that is not known yet, in the order of time. Then learns
+    /// from that run. `now` is the present time; `None` if later logs follow. A run at the end of these logs is then
+    /// not complete.
     ///
     /// # Errors
     /// The touches of the logs cannot be read.
@@ -264,7 +273,7 @@ impl Learning {
         Ok(taken)
     }
 
-    /// Judges one run, and learns from it.
+    /// Compares the models on one run, and learns from it.
     fn digest(
         &mut self,
         profile: &Profile,
@@ -299,7 +308,7 @@ impl Learning {
             Err(why) => return TakenRun { skipped: Some(why), ..taken },
         };
         if let Some(known) = self.runs.iter().find(|known| known.products.has_same_rows(&products)) {
-            let why = format!("it has the same rows as the run in {}, which is known", known.name);
+            let why = format!("it has the same rows as the run in {}, which was learned before", known.name);
             return TakenRun { skipped: Some(why), ..taken };
         }
         // A candidate that lacks a column of this run is no candidate for its days. The next candidate is learned from
@@ -321,7 +330,7 @@ impl Learning {
         taken
     }
 
-    /// Returns the model that is learned from all runs with the columns of the newest; `None` without a run.
+    /// Returns the model that is learned from all runs with the columns of the newest run; `None` if there is no run.
     pub fn candidate(&self) -> Option<FleetModel> {
         let newest = &self.runs.last()?.products;
         let mut alike = self.runs.iter().map(|run| &run.products).filter(|products| newest.is_like(products));
@@ -333,7 +342,7 @@ impl Learning {
         Some(all.learn_recent(FORGETTING))
     }
 
-    /// Returns the number of runs whose columns differ from those of the newest, so that they are not used.
+    /// Returns the number of runs that are not used, because their columns differ from those of the newest run.
     pub fn unlike(&self) -> usize {
         let newest = self.runs.last();
         let differs =
@@ -341,7 +350,7 @@ impl Learning {
         self.runs.iter().filter(differs).count()
     }
 
-    /// Returns the judgement of the candidate.
+    /// Returns the result of the comparison of the candidate with the model in use.
     pub fn judgement(&self) -> &Judgement {
         &self.record.judgement
     }
@@ -355,7 +364,7 @@ impl Learning {
         new.map(|run| Ok((run.name.clone(), run.products.to_json()?))).collect()
     }
 
-    /// Returns the names of the files of the oldest runs, which are more than [`MOST_RUNS`] runs old.
+    /// Returns the file names of the oldest runs, beyond the newest [`MOST_RUNS`] runs. These files can be deleted.
     pub fn superfluous(&self) -> Vec<String> {
         let most = self.runs.len().saturating_sub(MOST_RUNS);
         self.runs.iter().take(most).map(|run| run.name.clone()).collect()
@@ -374,7 +383,7 @@ impl Learning {
     pub fn block(&self, model: &FleetModel, in_use: Option<&InUse>) -> String {
         let judged = self.record.judgement.gain().map(|gain: Gain| {
             format!(
-                "# On {}, it would have left {:.1} µm RMS instead of {:.1} µm.\n",
+                "# On {}, this model would have left {:.1} µm RMS instead of {:.1} µm.\n",
                 counted(gain.days, "judged day"),
                 gain.candidate.get(),
                 gain.in_use.get()
@@ -392,7 +401,7 @@ impl Learning {
             Some(Expected { since_datum, since_touch }) => {
                 let touch = since_touch.map(|growth| format!(", since_touch = {}", pair(growth)));
                 format!(
-                    "expected = {{ since_datum = {}{} }}   # of the model before; probings scale it\n",
+                    "expected = {{ since_datum = {}{} }}   # of the previous model; probings scale these values\n",
                     pair(since_datum),
                     touch.unwrap_or_default()
                 )
@@ -401,7 +410,7 @@ impl Learning {
         model.block_of(&self.name_of(model), &head, &keys)
     }
 
-    /// Returns the name of the file of a run. The names sort in the order of time.
+    /// Returns the file name of a run. Sorted by name, the files are in the order of time.
     fn file_name(&self, run: &Run) -> String {
         let is_safe = |c: char| c.is_ascii_alphanumeric() || "-_.:".contains(c);
         let name: String = run.name.chars().map(|c| if is_safe(c) { c } else { '_' }).collect();
@@ -411,7 +420,7 @@ impl Learning {
     }
 }
 
-/// Returns why a run without an accepted touch is not used.
+/// Returns the reason why a run without an accepted touch is not used.
 fn all_wrong(touches: usize) -> String {
     format!(
         "its touches ({touches}) were all left out as wrong: another part was measured, or the model is wrong by more \
@@ -419,13 +428,13 @@ fn all_wrong(touches: usize) -> String {
     )
 }
 
-/// Returns the time of the datum of a run; its first row if it was measured row by row.
+/// Returns the time of the datum (zero point) of a run, or of its first row if it was measured row by row.
 fn datum(run: &Run) -> Moment {
     let row = run.datum().unwrap_or_default();
     run.times.get(row).or(run.times.first()).copied().unwrap_or_default()
 }
 
-/// Returns the name of a run that does not depend on the files that were read with it.
+/// Returns a name of the run that is the same whichever other files were read with it.
 fn name(run: &Run) -> String {
     if run.is_touched() { stamp(datum(run)) } else { run.name.clone() }
 }

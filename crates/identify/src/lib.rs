@@ -1,4 +1,4 @@
-//! Offline identification: from the logs of some days to a model that is valid on other days.
+//! Offline identification: makes a model that is valid on other days from the logs of some days.
 //!
 //! ```text
 //! dataset ── setup ── campaign ── bank ── gram ── method ── validate ── identified ── written
@@ -13,8 +13,8 @@
 //! profile. [`report`] renders HTML reports of models and of selections.
 //!
 //! # Sign
-//! Methods identify the compensation that would leave no error, Cz = −(e − its cold value). Gains have the same sign as
-//! in the profile.
+//! Methods identify the compensation that would leave no error, Cz = −(e − cold value of e). Gains have the same sign
+//! as in the profile.
 
 pub mod applied;
 pub mod balls;

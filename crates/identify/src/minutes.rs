@@ -6,13 +6,13 @@ use crate::dataset::Run;
 use crate::statistics::{mean, range};
 
 const HOUR: f64 = 3600.0;
-/// Tolerance in seconds: a log of an hour with minute rows ends one row before the hour.
+/// Tolerance for the length of an hour, s. A log of an hour with minute rows ends one row before the hour.
 const NEARLY: f64 = 90.0;
-/// Time over which the first and the last value are averaged, s.
+/// Time over which the first and the last value of a run are averaged, s.
 const EDGE: f64 = 180.0;
 
-/// Mean value of a column in each minute that contains a value, and the mean time of these values in seconds since the
-/// first row of the run. The times ascend.
+/// Mean value of a column in each minute that contains a value, with the mean time of these values. The times are in
+/// seconds since the first row of the run, ascending.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Minutes {
     pub(crate) seconds: Vec<f64>,
@@ -72,7 +72,7 @@ impl Minutes {
         Some((self.range_within(first, first + HOUR), self.range_within(last - HOUR, last)))
     }
 
-    /// Returns the begin in seconds and the range of the hour with the largest range. If several hours are equal, the
+    /// Returns the hour with the largest range: its begin in seconds, and the range. If several hours are equal, the
     /// first one is returned. `None` if the run is shorter than an hour.
     pub(crate) fn largest_hour(&self) -> Option<(f64, f64)> {
         self.hours()?;
@@ -84,8 +84,8 @@ impl Minutes {
         hours.reduce(|largest, next| if next.1 > largest.1 { next } else { largest })
     }
 
-    /// Returns the change from the first value at or after `from` to the last value at or before `to`. `None` if no
-    /// value is between these times.
+    /// Returns the change of the value from the first value at or after `from` to the last value at or before `to`.
+    /// `None` if there is no value between these times.
     pub(crate) fn change(&self, from: f64, to: f64) -> Option<f64> {
         // The time of a minute's mean is its middle.
         let inside = &self.values[self.within(from - 1e-6, to + 1e-6)];

@@ -1,7 +1,7 @@
 //! Effect of leaving a sensor out: models with and without it, each tested on held-out runs.
 //!
-//! The models are those of `whitened`, independent of the chosen method. All are tested on the same rows, without
-//! masked rows.
+//! The models are those of `whitened`, independent of the chosen method. All these models are tested on the same rows,
+//! without masked rows.
 
 use std::iter::once;
 
@@ -11,8 +11,8 @@ use crate::method::Settings;
 use crate::statistics::{count, smallest};
 use crate::validate::{HeldOut, leave_one_run_out};
 
-/// A sensor is harmful if the root mean square of the residual error without it is at most this fraction of that with
-/// it. A smaller improvement is not significant.
+/// Maximum ratio of the residual error without a sensor to the error with it for which the sensor counts as harmful. A
+/// smaller improvement is not significant.
 const CLEARLY: f64 = 0.98;
 
 /// Returns the harmful inputs among `suspects`, worst first. An input is harmful if the residual error is clearly
@@ -69,7 +69,7 @@ fn held_out(campaign: &Campaign<'_>, without: &[Vec<usize>]) -> Option<Vec<Vec<H
     each.into_iter().map(Result::ok).collect()
 }
 
-/// Returns the root mean square over the rows of all runs, µm.
+/// Returns the root mean square of the residual error over the rows of all runs, µm.
 fn root_mean_square<'a>(held_out: impl IntoIterator<Item = &'a HeldOut>) -> f64 {
     let (mut sum, mut rows) = (0.0, 0);
     for held in held_out {

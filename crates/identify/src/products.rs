@@ -18,8 +18,8 @@ pub(crate) struct Products {
     white: Vec<Gram>,
 }
 
-/// Gram products of some columns. `training`: whitened rows of the training runs. `plain`, `white`: rows of the
-/// held-out runs.
+/// Gram products of some columns for one fold. `training` contains whitened rows of the training runs; `plain` and
+/// `white` contain rows of the held-out runs.
 #[derive(Clone, Debug)]
 pub(crate) struct Fold {
     pub(crate) training: Gram,
@@ -28,7 +28,8 @@ pub(crate) struct Fold {
 }
 
 impl Products {
-    /// Calculates the products of each run. The weight of a run is halfway between equal weights and weights by drift.
+    /// Calculates the Gram products of each run. The weight of a run is halfway between equal weights and weights by
+    /// drift.
     pub(crate) fn of(bank: &Bank) -> Products {
         Products {
             plain: bank.grams(),
@@ -36,12 +37,12 @@ impl Products {
         }
     }
 
-    /// Restores products that were stored in a file: of plain and of whitened rows, by run.
+    /// Restores Gram products that were stored in a file: those of plain and of whitened rows, by run.
     pub(crate) fn kept(plain: Vec<Gram>, white: Vec<Gram>) -> Products {
         Products { plain, white }
     }
 
-    /// Returns the products of each run: of its plain rows, and of its whitened rows.
+    /// Returns the Gram products of each run: first of plain rows, then of whitened rows.
     pub(crate) fn each(&self) -> impl Iterator<Item = (&Gram, &Gram)> {
         self.plain.iter().zip(&self.white)
     }
@@ -51,7 +52,7 @@ impl Products {
         of(&self.white, runs, columns, units)
     }
 
-    /// Adds up the plain products of these runs.
+    /// Adds up the Gram products of plain rows of these runs.
     pub(crate) fn plain(&self, runs: &[usize]) -> Gram {
         Gram::sum(&self.plain, runs)
     }

@@ -1,6 +1,6 @@
 //! Removal of terms that have almost no effect. On each row of each run, the sum of the removed terms is at most half a
-//! count of the register. If the model is a mean of two models, the difference of the two models does not change by
-//! more than that either. This difference shows how reliable the mean is.
+//! count of the register. If the model is a mean of two models, their difference also changes by at most half a count.
+//! This difference shows how reliable the mean is.
 
 use crate::bank::{Bank, Candidate};
 use crate::learn::Learned;

@@ -1,4 +1,4 @@
-//! Envelope of a model: the region of its inputs during identification.
+//! Envelope of a model: the region of the input values from which the model was identified.
 
 use nalgebra::{DMatrix, DVector};
 use serde::{Serialize, Serializer};
@@ -25,7 +25,7 @@ impl Serialize for Region {
     }
 }
 
-/// Share of each variance by which it is increased. The covariance of two equal sensors then has an inverse.
+/// Share by which each variance is increased, so that the covariance of two equal sensors has an inverse.
 const LOOSENED: f64 = 1e-6;
 
 impl Region {

@@ -2,8 +2,8 @@
 
 use crate::setup::Ready;
 
-/// Returns name and CSV text of each run with a repaired sensor. The columns are `time_s`, every column as used for
-/// identification, and each repaired column again as recorded (`bed_recorded`).
+/// Returns the name and the CSV text of each run with a repaired sensor. The columns are `time_s`, and every column as
+/// it is used for identification. Each repaired column also occurs as it was recorded, for example as `bed_recorded`.
 pub fn repaired_files(ready: &Ready<'_>) -> Vec<(String, String)> {
     let (dataset, logs) = (ready.campaign.dataset.as_ref(), ready.logs);
     let of_run = |(place, run): (usize, &crate::dataset::Run)| {

@@ -1,8 +1,8 @@
 //! Resolution (count) of a sensor: the smallest step that its readings can make.
 //!
-//! The profile contains the count if the raw value is a whole number. Otherwise the count is estimated from plateaus:
-//! values that several consecutive readings share. A plateau is a whole number of counts, even if the rows of the log
-//! are means. Differences between averaged rows are not.
+//! If the raw value of a sensor is a whole number, the profile gives the count. Otherwise the count is estimated from
+//! plateaus: values that several consecutive readings share. The difference of two plateaus is a whole number of
+//! counts, even if the rows of the log are means. The difference of two averaged rows is not.
 
 use crate::dataset::Dataset;
 use crate::faults;
@@ -19,9 +19,10 @@ const COARSE: f64 = 0.2;
 const MANY: usize = 10;
 /// Difference below which two readings are equal, °C.
 const SAME: f64 = 1e-6;
-/// Largest count of a thermometer of a machine, °C.
+/// Maximum count that is assumed for a temperature sensor of a machine, °C.
 const MOST: f64 = 1.0;
-/// Count of a usual temperature module, °C. It is assumed for a coarse sensor whose reading never changed.
+/// Count of a typical temperature input module, °C. The count is assumed for a coarse sensor whose reading never
+/// changed.
 const USUAL: f64 = 0.1;
 
 /// Returns the count of a signal in its unit; `None` if its raw value is no whole number,

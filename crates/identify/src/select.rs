@@ -1,4 +1,4 @@
-//! Selection of temperature points, without a profile.
+//! Selection of temperature measuring points, without a profile.
 //!
 //! ```text
 //! dataset ── points ── bank ──┬─ similarity     correlation with the error and with each other, groups
@@ -30,16 +30,16 @@ pub(crate) use point_counts::point_counts;
 pub use points::{Pointed, points, without_incomplete};
 pub use steps::{Step, Steps};
 
-/// Assessment of the points. Serialized, it is the JSON of `select`.
+/// Result of the assessment of all measuring points. Serialized, it is the JSON of `select`.
 #[derive(Clone, Debug, Serialize)]
 pub struct Selected {
-    /// Log column of the measured error.
+    /// Name of the log column with the measured error.
     pub error: String,
     /// Result of each run: without compensation, and as a held-out run with the recommended points.
     pub runs: Vec<RunScore>,
-    /// Points, sorted by the correlation with the error, the strongest first.
+    /// Measuring points, sorted by the correlation with the error, the strongest first.
     pub points: Vec<Point>,
-    /// Correlations of the points with each other, in the order of `points`.
+    /// Correlations of the measuring points with each other, in the order of `points`.
     pub mutual: Vec<Vec<f64>>,
     /// Groups of similar points, for each threshold of the correlation.
     pub groups: Vec<Grouped>,
@@ -57,14 +57,14 @@ pub struct Selected {
     pub notes: Notes,
 }
 
-/// A point and its figures.
+/// Measuring point (temperature column) with the results of its assessment.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Point {
     /// Name of the log column.
     pub name: String,
-    /// Correlation of the rise of the point with the error.
+    /// Correlation of the rise of the point with the error, −1 to 1.
     pub correlation: f64,
-    /// Grey relational grade, 0 to 1.
+    /// Grey relational grade of the point, 0 to 1.
     pub grey_grade: f64,
     /// Largest range (maximum minus minimum) of the rise in any run, °C.
     pub moved: f64,
@@ -74,41 +74,42 @@ pub struct Point {
 /// `correlation`.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Grouped {
-    /// Least absolute correlation between members of a group.
+    /// Minimum absolute correlation between two members of a group.
     pub correlation: f64,
-    /// Names of the members. The first one has the strongest correlation with the error, and represents the group.
+    /// Names of the members of each group. The first member has the strongest correlation with the error, and
+    /// represents the group.
     pub groups: Vec<Vec<String>>,
 }
 
-/// Recommended points, and the reason.
+/// Recommended measuring points, and the reason for the recommendation.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Recommended {
     /// Number of recommended points.
     pub k: usize,
-    /// Points, in the order in which the search added them.
+    /// Recommended points, in the order in which the search added them.
     pub points: Vec<String>,
     /// For each point, the number of held-out fits that also selected this point.
     pub chosen_in: BTreeMap<String, usize>,
     /// For each point, the other members of its group at the first threshold, which could replace it.
     pub alike: BTreeMap<String, Vec<String>>,
-    /// Reason, in one sentence.
+    /// Reason for the recommendation, in one sentence.
     pub why: String,
 }
 
 /// Settings of the selection of points.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Settings {
-    /// Thresholds of the groups: least absolute correlation between two points of a group.
+    /// Thresholds for groups of similar points: minimum absolute correlation between two points of a group.
     pub groups: Vec<f64>,
     /// Time constants of the lags through which each point is used.
     pub lags: Vec<Option<Duration>>,
     /// Maximum number of points in `by_count`.
     pub most: usize,
-    /// Time between independent samples in F tests.
+    /// Time between two independent samples in the F tests.
     pub independent: Duration,
 }
 
-/// Default time constants: none, 6, 25 and 100 minutes.
+/// Default time constants of the lags: none, 6, 25 and 100 minutes.
 const LAGS: [Option<Duration>; 4] =
     [None, Some(Duration::from_mins(6)), Some(Duration::from_mins(25)), Some(Duration::from_mins(100))];
 

@@ -1,4 +1,5 @@
-//! Selection of sensors by forward search: it adds the sensor whose rises give the least residual on held-out runs.
+//! Selection of sensors by forward search. Each step adds the sensor whose rises give the smallest residual on held-out
+//! runs.
 
 use std::time::Duration;
 

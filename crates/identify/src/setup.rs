@@ -50,7 +50,7 @@ pub struct Ready<'a> {
     pub logs: &'a Dataset,
     /// Remarks about the sensors and the logs.
     pub notes: Notes,
-    /// Sensors that were faulty in a run, with the repair.
+    /// Sensors that were faulty in a run, with the repair of their readings.
     pub repaired: Vec<Repaired>,
 }
 
@@ -64,11 +64,12 @@ impl Ready<'_> {
     }
 }
 
-/// Subtracts the effect of the Cz that acted from the measured error. The Cz is read from a log of the gateway, or from
-/// the column that `applied` names. Touches of a probe become errors as well, and runs from datum to datum.
+/// Subtracts the effect of the active Cz (Cz that acted during the measurement) from the measured error. The Cz is read
+/// from a log of the gateway, or from the column that `applied` names. Touches of a probe become measured errors, too.
+/// A run with touches extends from one datum (zero point) to the next.
 ///
 /// # Errors
-/// Returns a message if the Cz that acted cannot be determined.
+/// Returns a message if the active Cz cannot be determined.
 pub fn without_cz(
     profile: &Profile,
     dataset: &mut Dataset,
@@ -121,7 +122,7 @@ impl Choice {
         self.error_of(&axis(profile, self, &mut Vec::new()).unwrap_or_default())
     }
 
-    /// Returns the log columns with the touches of the axis, and with the Cz that acted during each.
+    /// Returns two log columns: with the touches of the axis, and with the Cz that acted during each touch.
     #[must_use]
     pub(crate) fn touch_columns(&self, profile: &Profile) -> [String; 2] {
         touches::columns(&axis(profile, self, &mut Vec::new()).unwrap_or_default())

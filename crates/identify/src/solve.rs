@@ -13,8 +13,8 @@ mod net;
 
 pub(super) use net::Net;
 
-/// Minimum penalty. Because of it, the equations have a solution even if two terms are equal. It has no visible effect
-/// otherwise.
+/// Minimum penalty. With it, the equations have a solution even if two terms are equal. The penalty has no noticeable
+/// effect otherwise.
 const ROUNDING: f64 = 1e-12;
 /// Minimum root mean square that is assumed for a term. A term that is always zero would otherwise have the scale zero.
 const STANDS_STILL: f64 = 1e-9;

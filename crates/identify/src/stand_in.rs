@@ -11,7 +11,7 @@
 //!        if its D exceeds three times the largest D of the other runs.
 //! ```
 //!
-//! From then on, x̂(t) + (constant reading − x̂(s)) replaces the reading, through the model's own lags.
+//! From then on, x̂(t) + (constant reading − x̂(s)) replaces the reading. The lags of the model use this value.
 
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
@@ -33,14 +33,13 @@ mod frozen;
 
 pub use frozen::{Frozen, frozen};
 
-/// Time after a change of the reading during which a sensor is not suspected, s.
+/// Time after a change of the reading for which a sensor cannot be suspected, s.
 const LATELY: f64 = 180.0;
 /// Minimum of the threshold θ, °C. A smaller difference is noise.
 const LEAST: f64 = 0.05;
 /// Factor between the threshold θ and the largest D on good runs.
 const TIMES: f64 = 2.0;
-/// Minimum number of runs with which the run with the largest D may be ignored, because its sensor may have been
-/// faulty.
+/// Minimum number of runs for which the run with the largest D may be ignored, because its sensor may have been faulty.
 const ENOUGH_RUNS: usize = 4;
 /// Factor by which the largest D must exceed the second largest to be ignored.
 const FAR: f64 = 3.0;
@@ -57,7 +56,7 @@ pub struct StandIn {
     /// Whether the stand-in may be used: it depends on at least two other sensors, and no fallback model leaves less
     /// error.
     pub stands_in: bool,
-    /// Terms: name of another sensor, time constant in s, gain in °C per °C.
+    /// Terms of the prediction: name of another sensor, time constant in s, gain in °C per °C.
     #[serde(skip)]
     pub terms: Vec<(String, f64, f64)>,
     /// Means of the held-out results if the sensor is lost from the start of each run.
@@ -95,7 +94,7 @@ pub(crate) struct Others<'a> {
 type Gains = Vec<(Candidate, f64)>;
 
 impl<'a> Others<'a> {
-    /// Creates the data of the inputs in `among` that are not speeds.
+    /// Creates the data of those inputs in `among` that are not speeds.
     pub(crate) fn new(campaign: &'a Campaign<'a>, among: &[usize]) -> Others<'a> {
         let mut sensors = campaign.sensors();
         sensors.retain(|sensor| among.contains(sensor));
@@ -104,7 +103,7 @@ impl<'a> Others<'a> {
         Others { campaign, white: bank.runs_in_parallel(gram), bank, sensors }
     }
 
-    /// Returns the Gram products of these candidate terms, with a sensor's own rise as the target.
+    /// Returns the Gram products of these candidate terms. The target is the rise of the sensor `own`.
     fn products(&self, own: usize, columns: &[usize], runs: &[usize]) -> Gram {
         let sum = Gram::sum(&self.white, runs);
         Gram {
@@ -214,8 +213,8 @@ impl<'a> Others<'a> {
         cz
     }
 
-    /// Scores a held-out run whose residual error is changed by this Cz. `cz` has a value for every row. The held-out
-    /// run has fewer rows: those with an error, and with a speed if the model has one.
+    /// Scores a held-out run whose residual error is changed by this Cz. `cz` has a value for every row of the log. The
+    /// held-out run only has the rows with an error, and with a speed if the model has a speed as input.
     fn score(&self, held: &HeldOut, run: usize, cz: &[f64]) -> RunScore {
         let change =
             |window: &u128| self.bank.runs[run].windows.binary_search(window).map_or(0.0, |row| cz[row]);

@@ -2,7 +2,7 @@
 
 use std::borrow::Borrow;
 
-/// Converts a number of log rows to floating point.
+/// Converts a number of log rows to a floating-point number.
 pub(super) fn count(rows: usize) -> f64 {
     #[allow(clippy::cast_precision_loss, reason = "rows of a log")]
     let count = rows as f64;
@@ -50,13 +50,14 @@ pub(super) fn median(mut values: Vec<f64>) -> f64 {
     }
 }
 
-/// Returns the index of the smallest value; the first one if several are equal.
+/// Returns the index of the smallest value; the first index if several values are equal.
 pub(super) fn smallest(values: &[f64]) -> usize {
     let place = |best: usize, place: usize| if values[place] < values[best] { place } else { best };
     (1..values.len()).fold(0, place)
 }
 
-/// Returns the index and the value of the smallest column sum; the first one if several are equal. `None` without rows.
+/// Returns the index and the value of the smallest column sum; the first column if several sums are equal. `None` if
+/// there are no rows.
 pub(super) fn least_sum(rows: impl IntoIterator<Item = Vec<f64>>) -> Option<(usize, f64)> {
     let add = |sums: Vec<f64>, row: Vec<f64>| sums.iter().zip(row).map(|(sum, cost)| sum + cost).collect();
     let sums = rows.into_iter().reduce(add)?;

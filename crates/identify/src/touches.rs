@@ -1,16 +1,18 @@
-//! Touches of a probe as measured errors. A log of the gateway contains an error only in the rows in which the axis was
-//! probed.
+//! Conversion of touches (measurements with a probe) to measured errors. A log of the gateway contains an error only in
+//! the rows in which the axis was probed.
 //!
 //! ```text
 //! logs ── join (files of one gateway) ── divide (at each datum) ── e = measured error − Cz that acted
 //! ```
 //!
-//! - A run goes from datum to datum (zero point of Cz): from a machine start, or from a zero that the axis uses. The
-//!   error is zero at the datum. A run also ends when the machine is switched off.
-//! - Files of a gateway that follow each other are one record. A part without a datum counts from its first touch.
-//! - A long run ends at midnight (UTC), at least 12 hours after its datum. The rest counts from its first touch.
-//! - After a zero, the rises also count from the datum. Such a run begins up to 12 hours earlier, so that the lags have
-//!   settled at its datum. The rows before the datum have no error.
+//! - A run goes from one datum (zero point of Cz) to the next. A datum is a machine start, or a zero command that the
+//!   axis uses. The error is zero at the datum. A run also ends when the machine is switched off.
+//! - Files of a gateway that follow each other are one record. In a part without a datum, the error is counted from the
+//!   first touch.
+//! - A long run ends at midnight (UTC), at least 12 hours after its datum. In the rest, the error is counted from its
+//!   first touch.
+//! - After a zero command, the rises are also counted from the datum. Such a run begins up to 12 hours earlier, so that
+//!   the lags have settled at its datum. The rows before the datum have no error.
 //! - A run whose errors were recorded row by row stays as it is.
 
 use std::collections::HashMap;
@@ -26,38 +28,40 @@ use isotherm_core::quantity::Moment;
 use isotherm_core::reading::SignalId;
 use isotherm_profile::{Profile, counted};
 
-/// Longest time without a row between two files of one record.
+/// Maximum time without a row between two files of one record.
 const LONGEST_PAUSE: Duration = Duration::from_hours(1);
-/// Time after a datum from which on a run ends at midnight.
+/// Time after a datum (zero point) after which a run ends at the next midnight.
 const ENDS_AFTER: Duration = Duration::from_hours(12);
 const DAY: Duration = Duration::from_hours(24);
-/// Time before a datum from which a run begins, so that lags have settled. The longest usual time constant is 200 min.
+/// Time by which a run begins before its datum (zero point), so that lags have settled. The longest usual time constant
+/// is 200 min.
 const LEAD_IN: Duration = Duration::from_hours(12);
 
-/// Log columns of the touches of an axis: the measured error, and the Cz that acted.
+/// Returns the log columns of the touches of an axis: the measured error, and the Cz that acted during the touch.
 pub(crate) fn columns(axis: &str) -> [String; 2] {
     [format!("{axis}_measured_um"), format!("{axis}_acting_um")]
 }
 
-/// Returns whether a log column is the Cz that acted during touches. It is no displacement of the machine.
+/// Returns whether a log column contains the Cz that acted during touches. Such a column is no displacement of the
+/// machine.
 pub(crate) fn is_acting(dataset: &Dataset, column: &str) -> bool {
     let axis = column.strip_suffix("_acting_um");
     axis.is_some_and(|axis| dataset.column(&format!("{axis}_measured_um")).is_some())
 }
 
-/// Signals and rows from which the datums of a machine follow.
+/// Signals that set the datums (zero points) of a machine.
 struct Datums<'a> {
     axis: &'a str,
-    /// Log column of the signal that is on while the machine is on.
+    /// Log column of the signal that is on while the machine is on; `None` if there is no such signal.
     on: Option<usize>,
-    /// Log column of the signal whose rising edge is a zero.
+    /// Log column of the signal whose rising edge is a zero command; `None` if there is no such signal.
     zero: Option<usize>,
-    /// Whether a zero is a datum of the axis.
+    /// Whether a zero command sets a datum (zero point) of the axis.
     uses_zeros: bool,
 }
 
 /// Converts the touches of this axis to errors without Cz, in the column `error`. Runs with touches are joined and
-/// divided, so that each goes from datum to datum. Nothing changes if no log has touches.
+/// divided, so that each run goes from one datum (zero point) to the next. Nothing changes if no log has touches.
 ///
 /// # Errors
 /// The Cz that acted at a touch cannot be determined. The message names the option that specifies it.
@@ -115,7 +119,8 @@ impl Source {
     }
 }
 
-/// Returns the column with the Cz that acted at touches for which no Cz was logged; `None` if no Cz acted.
+/// Returns the column with the Cz that acted at touches for which the log contains no Cz of its own; `None` if no Cz
+/// acted.
 fn source_of_cz(
     dataset: &Dataset,
     is_touched: &[bool],
@@ -162,7 +167,7 @@ fn add(dataset: &mut Dataset, error: &str) -> usize {
     dataset.columns.len() - 1
 }
 
-/// Moves a column to the unused ones, if the dataset has it.
+/// Moves a column to the unused columns, if the dataset has this column.
 fn remove(dataset: &mut Dataset, name: &str) {
     let Some(place) = dataset.column(name) else { return };
     let column = dataset.columns.remove(place);
@@ -180,7 +185,8 @@ impl<'a> Datums<'a> {
         Datums { axis, on: column(profile.machine.on), zero: column(profile.machine.zero), uses_zeros }
     }
 
-    /// Returns the rows at which a datum begins, ascending; `None` in place of the datum if the machine is switched off.
+    /// Returns the rows at which a datum (zero point) begins, with that datum, ascending. A row at which the machine is
+    /// switched off has `None` instead of a datum.
     fn rows(&self, record: &Run) -> Vec<(usize, Option<Datum>)> {
         let mut rows: Vec<(usize, Option<Datum>)> = Vec::new();
         if let Some(on) = self.on {
@@ -198,7 +204,8 @@ impl<'a> Datums<'a> {
         rows
     }
 
-    /// Returns the datum of the rows before the first datum in a record; `None` if the machine is off there.
+    /// Returns the datum (zero point) for the rows before the first datum in a record; `None` if the machine is off in
+    /// these rows.
     fn first(&self, record: &Run) -> Option<Datum> {
         let level = self.on.and_then(|on| record.values[on].iter().find(|level| level.is_finite()));
         match level {
@@ -222,7 +229,7 @@ fn edges(levels: &Series, to: bool) -> impl Iterator<Item = usize> + '_ {
 /// Joined files of one gateway, or one file of another source.
 struct Record {
     run: Run,
-    /// First row, name and file of each joined run.
+    /// First row, run name and file of each joined run.
     sources: Vec<(usize, String, PathBuf)>,
 }
 
@@ -261,12 +268,12 @@ fn divide(dataset: &mut Dataset, is_touched: &[bool], datums: &Datums<'_>, error
     if left_out > 0 {
         let parts = counted(left_out, "part");
         dataset.remarks.push(format!(
-            "{parts} of the logs not used: no touch between two datums, or shorter than 20 min"
+            "{parts} of the logs not used: no touch between two datums (zero points), or shorter than 20 min"
         ));
     }
 }
 
-/// Returns the rows and the datum of each part of a record.
+/// Returns the rows and the datum (zero point) of each part of a record.
 fn parts(record: &Run, datums: &Datums<'_>) -> Vec<(Range<usize>, Datum)> {
     let rows = record.times.len();
     let begins: Vec<(usize, Option<Datum>)> =
@@ -281,8 +288,8 @@ fn parts(record: &Run, datums: &Datums<'_>) -> Vec<(Range<usize>, Datum)> {
     parts
 }
 
-/// Divides rows with one datum at midnight. The later parts count from their first touch. Their ends do not depend on
-/// the files that are read together.
+/// Divides rows with one datum (zero point) at midnight. In the later parts, the error is counted from the first touch.
+/// The ends of the parts do not depend on which files are read together.
 fn not_too_long(record: &Run, mut rows: Range<usize>, datum: Datum) -> Vec<(Range<usize>, Datum)> {
     let (mut parts, mut datum) = (Vec::new(), datum);
     while !rows.is_empty() {
@@ -307,7 +314,7 @@ impl Record {
         Record { sources: vec![(0, run.name.clone(), run.file.clone())], run }
     }
 
-    /// Returns whether a run continues this record.
+    /// Returns whether the given run continues this record.
     fn is_before(&self, run: &Run) -> bool {
         let ends = self.run.times.last().zip(run.times.first());
         let follows = |last: Moment, first: Moment| first > last && first.since(last) <= LONGEST_PAUSE;
@@ -323,7 +330,8 @@ impl Record {
         self.run.origin.zeros.extend(zeros);
     }
 
-    /// Returns the run of these rows, which begin at a datum; `None` if it has too few touches or is too short.
+    /// Returns the run of these rows, which begin at a datum (zero point); `None` if the run has too few touches or is
+    /// too short.
     fn part(
         &self,
         rows: Range<usize>,

@@ -1,18 +1,18 @@
 //! Standard errors of gains.
 //!
-//! Minute rows are not independent: the residuals of neighbouring minutes are similar, and an error of the reference
-//! affects a whole run. Therefore only runs count as samples. The covariance is clustered by run with the small-sample
-//! correction CR2. Student's factor has the degrees of freedom of Bell and McCaffrey (2002), which describe how many
-//! runs determine this gain.
+//! Minute rows are not independent: the residuals of neighbouring minutes are similar, and an error of a reference
+//! value affects a whole run. Therefore only runs count as samples. The covariance is clustered by run with the
+//! small-sample correction CR2. Student's factor has the degrees of freedom of Bell and McCaffrey (2002), which
+//! describe how many runs determine this gain.
 //!
 //! If a method shrinks or selects gains, the formula of least squares does not apply. The error is then the spread of
 //! the gains between the fits that left out one run (jackknife). Student's factor is that for this number of runs. With
 //! fewer than three such fits, no error is stated.
 //!
-//! In simulations, 95 to 98 % of the gains are within 1.96 of these errors. The simulations had 500 to 1500 campaigns
-//! of two, three, four and eight runs, with disturbances of half an hour to four hours. If samples were counted by the
-//! correlation time of the residuals, only 84 % would be within these errors with two runs. The reason is that the
-//! residuals of a fit have a shorter correlation time than the disturbances.
+//! In simulations, 95 to 98 % of the gains are within 1.96 of these standard errors. The simulations had 500 to 1500
+//! campaigns of two, three, four and eight runs, with disturbances of half an hour to four hours. If samples were
+//! counted by the correlation time of the residuals, only 84 % would be within 1.96 standard errors with two runs. The
+//! reason is that the residuals of a fit have a shorter correlation time than the disturbances.
 
 use nalgebra::{DMatrix, DVector, SymmetricEigen};
 use statrs::distribution::{ContinuousCDF, StudentsT};
@@ -42,8 +42,8 @@ pub(super) fn standard_errors(
     found.map_or_else(|| vec![None; gains.len()], |errors| errors.into_iter().map(Some).collect())
 }
 
-/// Returns the errors by jackknife; `None` with fewer than three fits. If a time constant was fitted, it differs
-/// between fits. Such a term is identified by its sensor.
+/// Returns the standard errors by jackknife (spread of fits that each leave out one run); `None` with fewer than three
+/// fits. If a time constant was fitted, it differs between fits. Such a term is identified by its sensor.
 fn jackknife(bank: &Bank, gains: &[(Candidate, f64)], left_out: &[&Learned]) -> Option<Vec<f64>> {
     let sums: Vec<&[(Candidate, f64)]> = left_out.iter().filter_map(|learned| learned.sum()).collect();
     if sums.len() < 3 {

@@ -43,8 +43,8 @@ pub fn of_select<'a>(choice: &'a Choice, applied: &'a Applied) -> impl Fn(&str) 
     }
 }
 
-/// Selects the log columns that `isotherm report` reads: displacements, temperatures, and columns of turning or
-/// movement. Loads, pressures and switches are left out.
+/// Selects the log columns that `isotherm report` reads: displacements, temperatures, and columns that show a rotation
+/// or movement. Loads, pressures and switches are left out.
 pub fn of_report<'a>(
     displacements: &'a [String],
     applied: &'a Applied,

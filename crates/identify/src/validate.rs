@@ -11,10 +11,10 @@ use crate::learn::{Learned, Learner};
 use crate::method::Settings;
 use crate::statistics::{count, percentile_95, range, rms};
 
-/// Callback with the number of runs that have been held out, and the number of all runs.
+/// Callback for the progress of the validation: number of runs that have been held out, and number of all runs.
 pub(crate) type Progress<'a> = &'a (dyn Fn(usize, usize) + Sync);
 
-/// Result of a held-out run.
+/// Result of a model on a run that was held out of its identification.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct RunScore {
     /// Name of the run.
@@ -68,7 +68,8 @@ impl RunScore {
         RunScore { touches, ..self }
     }
 
-    /// Returns the mark of a range over touches, for reports: ` (× 1.3)`. Empty if the run was measured row by row.
+    /// Returns the mark of a range over touches, for reports: ` (× 1.3)`. The mark is empty if the run was measured row
+    /// by row.
     pub fn mark(&self) -> String {
         self.touches.map_or_else(String::new, |_| format!(" (× {OVER_TOUCHES})"))
     }
@@ -98,7 +99,8 @@ impl Means {
         Means::over(runs.into_iter().map(|run| (run.range_um, run.rmse_um, run.is_worse())))
     }
 
-    /// Returns the means of the residuals without the effect of a probe. Stand-ins are tested in the same way.
+    /// Returns the means of the residuals without the effect of the simulated probe. Stand-ins are also tested without
+    /// a probe.
     pub(super) fn unprobed(held_out: &[HeldOut]) -> Means {
         Means::over(held_out.iter().map(|held| {
             let left = held.residual(None);
@@ -112,7 +114,8 @@ impl Means {
         Means::over(runs.iter().map(|run| (run.uncompensated_range_um, run.uncompensated_rmse_um, false)))
     }
 
-    /// Returns the means of these ranges, root mean squares, and whether each run is worse.
+    /// Returns the means over runs. Each item contains the range, the root mean square, and whether the run is worse
+    /// than without compensation.
     fn over(scores: impl Iterator<Item = (f64, f64, bool)>) -> Means {
         let scores: Vec<(f64, f64, bool)> = scores.collect();
         // Without runs, the means are NaN.
@@ -131,7 +134,7 @@ impl Means {
 pub struct HeldOut {
     /// Score of the run.
     pub score: RunScore,
-    /// Number of the averaging window from which each row was made.
+    /// Number of the averaging window of each row.
     pub(crate) windows: Vec<u128>,
     /// Time of each row, s since the run's first row.
     pub seconds: Vec<f64>,
@@ -139,7 +142,7 @@ pub struct HeldOut {
     pub error: Vec<f64>,
     /// Cz that the model would have added in each row, µm.
     pub cz: Vec<f64>,
-    /// Model, identified from all other runs.
+    /// Model that was identified from all other runs.
     pub learned: Learned,
 }
 
@@ -190,11 +193,11 @@ pub(super) fn hold_out_each<T: Send>(
 }
 
 /// Identifies a model for each run from all the others, and tests it on that run. With `probe`, a simulated probe
-/// measures and removes the residual at this interval, in seconds. If the repair of another run used the held-out run,
-/// the learner is prepared again without it, once for all of `without`. `settings` are those of the learner.
+/// measures and removes the residual at this interval, in seconds. If the repair of another run used data of the
+/// held-out run, the learner is prepared again without these data. `settings` are those of the learner.
 ///
 /// Returns for each list of omitted inputs the result of every run. If the method requires an omitted input, the result
-/// is the message of the method.
+/// for this list is an error message.
 pub(super) fn leave_one_run_out(
     campaign: &Campaign<'_>,
     learner: &dyn Learner,

@@ -8,7 +8,7 @@
 //! P += q·Δt      F = P + r      d = e − m      K = P / F      m += K·d      P *= 1 − K      Σ −½ (ln F + d²/F) → max
 //! ```
 //!
-//! r is not used afterwards, because a touch of the probe has its own noise.
+//! The noise variance r is not used afterwards, because a touch of the probe has different noise.
 
 use crate::statistics::count;
 use crate::validate::HeldOut;
@@ -47,7 +47,7 @@ fn sampled(held: &HeldOut) -> Vec<(f64, f64)> {
     taken
 }
 
-/// Returns −2 ln of the likelihood of a run, without its constant part.
+/// Returns −2 ln of the likelihood of a run, without its constant part. `walk` is q, and `noise` is r.
 fn surprise(run: &[(f64, f64)], walk: f64, noise: f64) -> f64 {
     let (mut level, mut variance, mut sum) = (0.0, 0.0, 0.0);
     let mut last = run.first().map_or(0.0, |row| row.0);

@@ -1,9 +1,9 @@
 //! Whitening of rows. The residual of a model in a run is a slow random walk, and neighbouring minutes are nearly
 //! equal.
 //!
-//! Least squares on plain minute rows would fit the level of the walk of each run. Therefore each column and the target
-//! are replaced by the innovations of a scalar Kalman filter (local level model). This is generalised least squares for
-//! such a walk:
+//! Least squares on plain minute rows would fit the level of this random walk in each run. Therefore each column and
+//! the target are replaced by the innovations of a scalar Kalman filter (local level model). This is generalised least
+//! squares for such a walk:
 //!
 //! ```text
 //! P += q·Δt      F = P + r      z' = (z − m) / √F      K = P / F      m += K·(z − m)      P *= 1 − K
@@ -48,8 +48,8 @@ fn whiten(values: &mut [f64], steps: &[(f64, f64)]) {
     }
 }
 
-/// Whitens the rows of a run, and returns their products X'X, X'y and y'y. `seconds`: times of the rows. `rises`:
-/// columns X. `target`: y.
+/// Whitens the rows of a run, and returns their products X'X, X'y and y'y. `seconds` contains the times of the rows,
+/// `rises` the columns X, and `target` is y.
 pub(crate) fn gram(seconds: &[f64], rises: &DMatrix<f64>, target: &DVector<f64>) -> Gram {
     let steps = steps(seconds);
     let mut rises = rises.clone();

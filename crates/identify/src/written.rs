@@ -87,7 +87,7 @@ pub fn written(found: &Identified, stem: &str, outside: Outside) -> Written {
     Written { block, files }
 }
 
-/// Returns the further keys of the first model: its halves, its expected error, and its stand-ins.
+/// Returns the additional keys of the first model: its two halves, its expected error, and its stand-ins.
 fn beside(found: &Identified, stem: &str, files: &mut Vec<(String, String)>) -> String {
     let mut keys = String::new();
     let mut file = |key: &str, word: &str, content: Value| {
@@ -133,7 +133,8 @@ fn settle(seconds: f64) -> humantime::FormattedDuration {
     format_duration(Duration::try_from_secs_f64(seconds).unwrap_or_default())
 }
 
-/// Returns the key with the settling time of the identification. `check` compares it with the profile.
+/// Returns the key of a model with the settling time that was used for its identification. The command `isotherm check`
+/// compares this time with the profile.
 pub(crate) fn identified_with(settle_s: f64) -> String {
     format!("identified_with = {{ settle = \"{}\" }}", settle(settle_s))
 }
@@ -249,7 +250,7 @@ fn short(value: f64) -> String {
     format!("{value:.decimals$}")
 }
 
-/// Returns the inputs in the network's order, one line for each sensor.
+/// Returns the inputs as TOML, in the order of the network, one line for each sensor.
 fn network_inputs(file: &Value, inputs: &[Candidate]) -> String {
     let names = file["inputs"]["names"].as_array().map(Vec::as_slice).unwrap_or_default();
     let named: Vec<(&Value, &Candidate)> = names.iter().zip(inputs).collect();

@@ -1,10 +1,10 @@
-//! Files, signals and profiles of the two public records that the examples read.
+//! Log files, signals and profiles of the two public data sets that the examples read.
 
 use std::path::{Path, PathBuf};
 
 use isotherm_profile::Profile;
 
-/// Text of a model block for a profile. Its only term is this signal; the model is only a placeholder.
+/// Makes the text of a placeholder model block for a profile. Its only term is the signal `signal`.
 fn no_model(signal: &str) -> String {
     format!(
         "[[axis.z.model]]\nname = \"none yet\"\nkind = \"linear\"\noffset = 0.0\n\
@@ -33,7 +33,7 @@ pub(crate) fn files(example: &str) -> Option<[Vec<PathBuf>; 2]> {
     Some(files)
 }
 
-/// Returns the names of the temperatures: `t01` to `t16` for 16 sensors, otherwise `t1`, `t2`, …
+/// Returns the names of the temperature signals: `t01` to `t16` for 16 sensors, otherwise `t1`, `t2`, …
 pub(crate) fn names(sensors: usize) -> Vec<String> {
     match sensors {
         16 => (1..=16).map(|sensor| format!("t{sensor:02}")).collect(),

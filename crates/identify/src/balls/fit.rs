@@ -1,4 +1,4 @@
-//! Thermal terms of a round relative to the cold one, by least squares over its touches.
+//! Thermal terms of one round of touches relative to the cold round, by least squares.
 
 use nalgebra::{DMatrix, DVector};
 
@@ -6,12 +6,13 @@ use super::touches::{Touch, time};
 use super::{DIRECTIONS, RoundTerms};
 use crate::statistics::{count, range};
 
-/// Maximum drift, µm. A larger value means that another ball was touched, or that the unit is wrong.
+/// Maximum drift, µm. A larger value means that a different ball was touched, or that the unit is wrong.
 const NO_DRIFT: f64 = 1000.0;
 /// Minimum difference of two positions or stylus lengths, mm. A smaller difference is treated as zero.
 const APART: f64 = 1.0;
 
-/// Movement of one touch since the cold round: position along the array and stylus length in mm, movement in µm.
+/// Movement of one ball between the cold round and a touch, µm, with the position along the array and the stylus length
+/// in mm.
 struct Moved {
     place: f64,
     stylus: f64,

@@ -6,7 +6,7 @@ use super::{DIRECTIONS, RoundTerms, Terms, one};
 use crate::dataset::{BadLog, Dataset};
 use isotherm_core::quantity::Moment;
 
-/// Maximum time between a round and its row in the recorded log.
+/// Maximum time between a round of touches and its row in the recorded log.
 const NEAR: Duration = Duration::from_mins(10);
 
 /// Writes a CSV log: `time` in seconds, the columns of `recorded`, then the terms. The terms of a round are in the row
@@ -41,11 +41,11 @@ pub fn log(terms: &Terms, recorded: Option<&Dataset>) -> Result<String, BadLog> 
     Ok(String::from_utf8_lossy(&text).into_owned())
 }
 
-/// Row of the log: time, recorded cells, and the index of its round, if any.
+/// Row of the log: time, recorded cells, and the index of the round in this row; `None` if the row has no round.
 type Row = (Moment, Vec<f64>, Option<usize>);
 
-/// Returns the names and rows of the columns of a recorded log, without the columns in `names`. The row nearest to a
-/// round contains the index of that round.
+/// Returns the column names and the rows of a recorded log, without the columns in `names`. The row nearest in time to
+/// a round contains the index of that round.
 fn beside<'a>(
     terms: &Terms,
     recorded: &'a Dataset,
@@ -88,7 +88,7 @@ fn beside<'a>(
     Ok((own, run.times.iter().enumerate().map(row).collect()))
 }
 
-/// Returns the names and values of the terms of a round.
+/// Returns the names and values of the thermal terms of a round.
 fn columns(terms: &Terms, round: &RoundTerms) -> Vec<(String, f64)> {
     let each = |name: fn(&str, bool) -> String, values: [f64; 3]| {
         (0..3).map(move |place| (name(DIRECTIONS[place], place == terms.along), values[place]))

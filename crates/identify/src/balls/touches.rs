@@ -1,16 +1,16 @@
-//! Table of touches, and its division into rounds.
+//! Table of ball touches, and its division into rounds.
 
 use super::DIRECTIONS;
 use crate::dataset::{BadLog, Dataset};
 use isotherm_core::quantity::Moment;
 
-/// One touch of a ball.
+/// One touch of a ball by the probe.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Touch {
     pub(super) time: Moment,
     pub(super) ball: f64,
     pub(super) at_mm: [f64; 3],
-    /// Stylus length; NaN if the file of touches has no column for it.
+    /// Stylus length, mm; NaN if the file of touches has no column for it.
     pub(super) stylus_mm: f64,
 }
 

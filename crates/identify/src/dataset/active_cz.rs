@@ -1,5 +1,5 @@
-//! Cz that was active while a log was recorded. A log of the gateway contains the Cz that it decided in each row; a
-//! measured error contains the Cz that was active.
+//! Active Cz: the compensation value that acted on the machine while a log was recorded. A log of the gateway contains
+//! the Cz that the gateway decided in each row. A measured error contains the Cz that was active.
 
 use super::Series;
 use super::table::{Cells, Table};
@@ -7,26 +7,27 @@ use isotherm_profile::log_columns::{OF_AXIS, OF_MACHINE};
 
 /// Columns of an axis in a log of the gateway that are used for identification. The others are not.
 const USED: [&str; 4] = ["cz_um", "slope_um", "measured_um", "acting_um"];
-/// Column with the state before the first row of a file, as JSON. Other rows have it only after a start of the gateway.
+/// Name of the column with the state before the first row of a file, as JSON. Later rows have a value in it only after
+/// a start of the gateway.
 const MEMORY: &str = "machine_memory";
-/// Column with the times of zero commands since the row before, each followed by its axis if it has one. Several are
-/// separated by semicolons.
+/// Name of the column with the times of the zero commands since the previous row. A time is followed by the axis of the
+/// command, if it has one. Semicolons separate several commands.
 const ZERO: &str = "machine_zero";
 const DRY_RUN: &str = "machine_dry_run";
 
-/// Returns whether the texts in this log column are needed: for the active Cz (Cz that acted during the measurement), or
-/// for the datums of the log.
+/// Returns whether the texts in this log column are needed: for the active Cz (Cz that acted during the measurement),
+/// or for the datums (zero points) of the log.
 pub(super) fn needs_words(column: &str) -> bool {
     column.ends_with("_permit") || is_of_machine(column)
 }
 
-/// Returns whether this log column contains the datums of a log of the gateway. Its cells are never numbers.
+/// Returns whether this log column contains the datums (zero points) of a gateway log. Its cells are never numbers.
 pub(super) fn is_of_machine(column: &str) -> bool {
     [MEMORY, ZERO].contains(&column)
 }
 
-/// Returns whether this column of a log of the gateway contains touches, or the Cz that acted during each. Most of its
-/// cells are empty. `acted`: the columns with the active Cz.
+/// Returns whether this column of a gateway log contains touches (measurements with a probe), or the Cz that acted
+/// during each touch. Most of its cells are empty. `acted` contains the names of the columns with the active Cz.
 pub(super) fn is_of_touches(column: &str, acted: &[String]) -> bool {
     let axis = ["_measured_um", "_acting_um"].iter().find_map(|end| column.strip_suffix(end));
     axis.is_some_and(|axis| acted.contains(&format!("{axis}_cz_um")))
@@ -37,7 +38,7 @@ pub(super) fn needs(column: &str) -> bool {
     ["_permit", "_cz_um", "_slope_um", "_from_um"].iter().any(|end| column.ends_with(end))
 }
 
-/// Replaces the decided values of each axis by the active ones: `<axis>_cz_um`, and `<axis>_slope_um` if the control
+/// Replaces the decided values of each axis by the active values: `<axis>_cz_um`, and `<axis>_slope_um` if the control
 /// receives the slope. Each value is the register value when the row was read. `table.acted` lists these columns. A dry
 /// run has no active values, so its columns are removed. Returns the `_permit` column of each axis without a known
 /// active value.
@@ -74,7 +75,7 @@ pub(super) fn keep_what_acted(table: &mut Table) -> Vec<String> {
     unknown
 }
 
-/// Returns the rows directly after a zero command, each with the axis of the command.
+/// Returns the first row after each zero command, with the axis of the command.
 fn zeros(table: &Table) -> Vec<(usize, Option<String>)> {
     let Some(Cells::Text(commands)) = table.cells(ZERO) else { return Vec::new() };
     let mut zeros = Vec::new();
@@ -86,7 +87,8 @@ fn zeros(table: &Table) -> Vec<(usize, Option<String>)> {
 }
 
 /// Returns whether the state before the first row contains a machine start. A long state is truncated, but begins with
-/// the time of the start. Without this column, as in an exported log, the machine may have been on.
+/// the time of the start. If the log has no column with that state, as in an exported log, the machine may have been
+/// on.
 fn continues(table: &Table) -> bool {
     const ON: &str = "\"on_since\":";
     let states = match table.cells(MEMORY) {
@@ -100,7 +102,7 @@ fn continues(table: &Table) -> bool {
 
 /// Returns the active Cz (Cz that acted during the measurement) of each log row. The readings of a row are older than
 /// its decision, so the decision of the previous row was active. Until the gateway first took over the register, the
-/// value found in the register was active. The result is NaN while the register was not verified.
+/// value found in the register was active. The result is NaN in rows in which the register value was not verified.
 fn acted(table: &Table, axis: &str) -> Vec<f64> {
     let mut acted = before(table, &format!("{axis}_cz_um"));
     let found = numbers(table, &format!("{axis}_from_um"));

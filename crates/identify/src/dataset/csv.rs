@@ -1,4 +1,4 @@
-//! Logs in CSV files.
+//! Reader of logs in CSV files.
 
 use std::path::Path;
 
@@ -13,7 +13,7 @@ use isotherm_profile::safe_file::{self, quoted};
 /// Maximum number of columns. A file with more is not a log of a machine.
 pub(super) const MOST_COLUMNS: usize = 10_000;
 
-/// Reads a CSV log. Error messages contain line numbers.
+/// Reads a CSV log file. Error messages contain line numbers.
 pub(super) fn read(file: &Path, split: &Split, uses: Uses<'_>) -> Result<Table, BadLog> {
     from_text(file, files::open(file)?, split, uses)
 }
@@ -112,14 +112,14 @@ pub(super) fn from_text(
     rows.finish((2 + skipped + after, "there are no rows under the header"))
 }
 
-/// Returns the line in which a record begins that was just read.
+/// Returns the number of the line in which a record begins, directly after the reader has read that record.
 pub(super) fn own_line<R: std::io::Read>(reader: &csv::Reader<R>, record: &csv::StringRecord) -> u64 {
     // `record.position()` is the end of the record before, and therefore wrong after empty lines.
     let inside = record.as_slice().bytes().filter(|byte| *byte == b'\n').count();
     reader.position().line().saturating_sub(1 + inside as u64)
 }
 
-/// Returns the message about a row with more or fewer cells than names.
+/// Returns the message about a row with more or fewer cells than column names.
 pub(super) fn uneven_row((cells, width): (usize, usize), separator: u8, more: &str) -> String {
     let hint = match cells > width {
         true if separator == b',' => {
@@ -131,8 +131,9 @@ pub(super) fn uneven_row((cells, width): (usize, usize), separator: u8, more: &s
     format!("{cells} cells under {width} column names{more}: {hint}")
 }
 
-/// Returns whether the cells of a row fit the names of the columns. The cells of the last `unnamed` columns, whose
-/// names are empty or those of comments, may be missing. Cells beyond the last name must be empty.
+/// Returns whether the cells of a row fit the names of the columns. The cells of the last `unnamed` columns may be
+/// missing: the names of these columns are empty, or names of comment columns. Cells beyond the last name must be
+/// empty.
 pub(super) fn fits(record: &csv::StringRecord, width: usize, unnamed: usize) -> bool {
     let cells = record.len();
     cells == width
@@ -140,7 +141,7 @@ pub(super) fn fits(record: &csv::StringRecord, width: usize, unnamed: usize) -> 
         || (cells > width && record.iter().skip(width).all(|cell| cell.trim().is_empty()))
 }
 
-/// Adds the units of a second line to the names of the columns.
+/// Adds the units from a second header line to the names of the columns.
 pub(super) fn with_units(names: Vec<String>, units: &[String]) -> Vec<String> {
     let mut names = names;
     for (name, unit) in names.iter_mut().zip(units) {
@@ -151,7 +152,7 @@ pub(super) fn with_units(names: Vec<String>, units: &[String]) -> Vec<String> {
     names
 }
 
-/// Checks the names of the columns.
+/// Checks the names of the columns: their number, and that each occurs only once.
 pub(super) fn check_header(names: &[String]) -> Result<(), String> {
     if names.iter().all(String::is_empty) {
         return Err("the log is empty; its first line names the columns".to_owned());

@@ -1,13 +1,13 @@
-//! Encodings of logs. Loggers and spreadsheets of Windows write cp1252, cp1251, UTF-16, GBK or Shift_JIS; everything is
-//! read as UTF-8.
+//! Detection and conversion of the encodings of logs. Loggers and spreadsheets on Windows write cp1252, cp1251, UTF-16,
+//! GBK or Shift_JIS. All of them are converted to UTF-8.
 //!
 //! The encoding is detected in this order:
 //!
 //! 1. A byte order mark: UTF-8 and UTF-16.
 //! 2. Zero bytes: UTF-16 without a mark, which chardetng does not detect, or no text.
 //! 3. Valid UTF-8.
-//! 4. Every other encoding, by the crate chardetng. It was made for web pages, and a log has few words. Therefore, it
-//!    does not see the signs of units, and short heads in Chinese and Japanese are recognised before.
+//! 4. Every other encoding, by the crate chardetng. That crate was made for web pages, and a log has few words.
+//!    Therefore the signs of units are removed before, and short heads in Chinese and Japanese are recognised first.
 
 use std::collections::HashSet;
 use std::io::{self, Cursor, Read};
@@ -20,11 +20,11 @@ use encoding_rs::{
 
 use super::text_reader::{Begun, Convert, TextReader};
 
-/// Number of bytes from which the encoding is detected.
+/// Number of bytes at the start of a log from which the encoding is detected.
 const SAMPLE: u64 = 1 << 16;
-/// Number of bytes that are decoded at a time.
+/// Number of bytes that are decoded in one step.
 const PART: usize = 1 << 15;
-/// Number of different characters from which chardetng distinguishes Chinese from other languages.
+/// Minimum number of different characters from which the crate chardetng can distinguish Chinese from other languages.
 const SHORT: usize = 8;
 
 /// Reader of UTF-8 text. Input in another encoding is converted.
@@ -37,7 +37,8 @@ pub(super) struct Converter<R> {
     raw: Vec<u8>,
 }
 
-/// Returns a reader of the input as UTF-8, and the name of its encoding if that is another one.
+/// Returns a reader of the input as UTF-8, and the name of the encoding; the name is `None` if the input already is
+/// UTF-8.
 pub(super) fn utf8<R: Read>(mut input: R) -> io::Result<(Decoded<R>, Option<&'static str>)> {
     let mut sample = Vec::new();
     input.by_ref().take(SAMPLE).read_to_end(&mut sample)?;
@@ -56,7 +57,7 @@ pub(super) fn utf8<R: Read>(mut input: R) -> io::Result<(Decoded<R>, Option<&'st
     })
 }
 
-/// Returns the encoding of a text; `None` for UTF-8, and for data that are no text.
+/// Returns the encoding of a text; `None` for UTF-8, and for data that are not text.
 fn detect(sample: &[u8]) -> Option<&'static Encoding> {
     if let Some((encoding, _)) = Encoding::for_bom(sample) {
         return Some(encoding).filter(|encoding| *encoding != UTF_8);
@@ -92,10 +93,12 @@ fn legacy(sample: &[u8]) -> &'static Encoding {
     guess
 }
 
-/// Replaces the signs of units that stand alone between ASCII by blanks. A text that has only such signs is cp1252.
+/// Replaces single signs of units (`°`, `µ`) between ASCII characters by blanks. A text that has no other characters
+/// outside ASCII is cp1252.
 ///
-/// chardetng weighs the bytes outside ASCII as letters of words. In most heads of logs, these are only `°` and `µ`: it
-/// takes `Temp_°C;Weg_µm` for Big5, because `°C` and `µm` are also characters of Big5.
+/// The crate chardetng weighs the bytes outside ASCII as letters of words. In most heads of logs, these bytes are only
+/// `°` and `µ`. chardetng takes `Temp_°C;Weg_µm` for Big5, because the bytes of `°C` and `µm` are also characters of
+/// Big5.
 fn without_signs(sample: &[u8]) -> Vec<u8> {
     let byte_at = |place: Option<usize>| place.and_then(|place| sample.get(place)).copied().unwrap_or(b' ');
     let is_sign = |place: usize, byte: u8| {
@@ -120,7 +123,7 @@ fn groups(text: &[u8]) -> impl Iterator<Item = &[u8]> {
 
 /// Returns whether all bytes that are not ASCII are a few common Chinese characters in GBK.
 ///
-/// chardetng takes `温度` for Japanese, `油温` for Russian and `主轴` for Czech.
+/// The crate chardetng takes `温度` for Japanese, `油温` for Russian and `主轴` for Czech.
 fn is_short_chinese(sample: &[u8]) -> bool {
     // The characters of level 1 of GB 2312.
     let is_common = |pair: &[u8]| matches!(pair, [0xB0..=0xD7, 0xA1..=0xFE]);
@@ -128,10 +131,10 @@ fn is_short_chinese(sample: &[u8]) -> bool {
     pairs().all(is_common) && pairs().collect::<HashSet<_>>().len() < SHORT
 }
 
-/// Returns whether the text has two or more common Japanese characters in a row if it is Shift_JIS.
+/// Returns whether the text has two or more common Japanese characters in a row when it is read as Shift_JIS.
 ///
-/// chardetng takes some short heads for Latin letters. In Latin encodings, the first byte of these characters is a
-/// quotation mark, a dash, or one of a few letters such as `Š`.
+/// The crate chardetng takes some short heads for text in Latin letters. In Latin encodings, the first byte of these
+/// characters is a quotation mark, a dash, or one of a few letters such as `Š`.
 fn has_japanese_word(sample: &[u8]) -> bool {
     let (mut bytes, mut run, mut has_word) = (sample.iter(), 0, false);
     while let Some(byte) = bytes.next() {
@@ -146,8 +149,9 @@ fn has_japanese_word(sample: &[u8]) -> bool {
 
 /// Returns whether all bytes that are not ASCII are half-width katakana of Shift_JIS, each of which is one byte.
 ///
-/// chardetng rates them low, because web pages rarely have them. Words in capitals of a Cyrillic encoding consist of the
-/// bytes from 0xC0 on, and of a few letters below 0xB3. A word of an even length may be Chinese or Korean.
+/// The crate chardetng gives such katakana a low rating, because web pages rarely have them. Words in capitals of a
+/// Cyrillic encoding consist of the bytes from 0xC0 on, and of a few letters below 0xB3. A word with an even number of
+/// bytes may be Chinese or Korean.
 fn is_half_width(letters: &[u8]) -> bool {
     let is_kana = |byte: &u8| matches!(byte, 0xA6..=0xDF);
     let is_no_capital = |byte: &u8| matches!(byte, 0xB3..=0xBF);
@@ -157,7 +161,8 @@ fn is_half_width(letters: &[u8]) -> bool {
         && groups(letters).any(|group| group.iter().any(is_no_capital))
 }
 
-/// Returns the byte order of UTF-16 without a mark: in a log, almost every second byte is zero.
+/// Returns the byte order of UTF-16 without a byte order mark; `None` if the text is not UTF-16. In a log in UTF-16,
+/// almost every second byte is zero.
 fn wide(sample: &[u8]) -> Option<&'static Encoding> {
     let zeros = |from: usize| sample.iter().skip(from).step_by(2).filter(|byte| **byte == 0).count();
     let (first, second) = (zeros(0), zeros(1));

@@ -1,4 +1,4 @@
-//! Errors of the logs.
+//! Errors in the log files.
 
 /// All errors found in the logs. Each message names the file, and the line if it is known.
 #[derive(Clone, Debug, Default, PartialEq, Eq, thiserror::Error)]
@@ -6,7 +6,7 @@
 pub struct BadLog(pub Vec<String>);
 
 impl BadLog {
-    /// Returns `good` if `wrong` is empty; otherwise the errors.
+    /// Returns `good` if `wrong` contains no messages; otherwise an error with these messages.
     pub(crate) fn unless<T>(wrong: Vec<String>, good: T) -> Result<T, BadLog> {
         if wrong.is_empty() { Ok(good) } else { Err(BadLog(wrong)) }
     }

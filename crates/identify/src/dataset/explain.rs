@@ -1,4 +1,4 @@
-//! Explanation how a log is understood: head, time, units and first rows.
+//! Explanation of how a log is read: its header, time, units and first rows.
 
 use std::fmt;
 use std::io::{Cursor, Read};
@@ -13,27 +13,27 @@ use super::time_form::TimeForm;
 use super::{BadLog, Kind, Split, Uses, decode, every_column, files, spaced, unit};
 use isotherm_core::quantity::{DateOrder, DecimalMark, Dialect, Moment, TimeUnit, time};
 
-/// Number of bytes from which a CSV log is explained.
+/// Number of bytes at the start of a CSV log that are used for its explanation.
 const SAMPLE: u64 = 1 << 16;
-/// Number of rows that are shown.
+/// Number of log rows that are shown.
 const SHOWN: usize = 3;
-/// Times before this one, in 1973, count from the start of a log.
+/// Earliest time that counts as a date, in 1973. A smaller time is counted from the start of a log.
 const FIRST_DATE: Moment = Moment::from_nanos(100_000_000_000_000_000);
 
-/// Explanation of one log.
+/// Explanation of how one log is read.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Explanation {
-    /// File of the log.
+    /// Path of the log file.
     pub file: String,
     /// Layout of a CSV file; `None` for other files.
     pub csv: Option<CsvLayout>,
-    /// How the times are read; `None` if the log cannot be read.
+    /// Format of the times; `None` if the log cannot be read.
     pub time: Option<TimeLayout>,
-    /// Columns without the time, with the kind that was guessed from unit, name and values.
+    /// Columns except the time, with the kind of quantity that is guessed from unit, name and values.
     pub columns: Vec<ExplainedColumn>,
-    /// First rows of the log, as they are understood.
+    /// First rows of the log, as the program reads them.
     pub rows: Vec<ExplainedRow>,
-    /// Errors of the shown part of the log.
+    /// Errors in the shown part of the log.
     pub errors: Vec<String>,
 }
 
@@ -46,55 +46,55 @@ pub struct CsvLayout {
     pub names_in_line: u64,
     /// Number of the first line with values.
     pub rows_from_line: u64,
-    /// Word for the separator of columns.
+    /// Name of the character that separates the columns.
     pub separator: &'static str,
-    /// Decimal mark, if a number has one.
+    /// Decimal mark; `None` if no number has a decimal mark.
     pub decimal: Option<&'static str>,
 }
 
-/// How the times of a log are read.
+/// Format of the times of a log.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct TimeLayout {
     /// Name of the column with the time.
     pub column: String,
-    /// Name of the column with the date.
+    /// Name of the column with the date; `None` if date and time are in one column.
     pub date: Option<String>,
-    /// Form of the times, for people only.
+    /// Format of the times, only for the text output.
     #[serde(skip)]
     form: TimeForm,
     /// Unit of times that are numbers.
     pub unit: String,
-    /// Time zone of times without one.
+    /// Time zone of the times that do not state a zone.
     pub zone: String,
-    /// Order of day and month, if a date shows it.
+    /// Order of day and month; `None` if no date shows the order.
     pub dates: Option<&'static str>,
 }
 
-/// Column of a log.
+/// Explanation of one column of a log.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct ExplainedColumn {
     /// Name without the unit.
     pub name: String,
-    /// Unit in the header or in the cells.
+    /// Unit in the header or in the cells; `None` if the log states no unit.
     pub unit: Option<String>,
-    /// Unit of the values after their conversion, if it is known.
+    /// Unit of the values after their conversion; `None` if the unit is not known.
     pub read_as: Option<&'static str>,
-    /// Guessed kind; `None` if the column has no numbers.
+    /// Guessed kind of quantity; `None` if the column has no numbers.
     pub kind: Option<Kind>,
 }
 
-/// Row of a log, as it is understood.
+/// Row of a log, as the program reads it.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct ExplainedRow {
-    /// Line or row in the file.
+    /// Number of the line or row in the file.
     pub line: u64,
-    /// Time as it is understood.
+    /// Time of the row, in the form in which the program reads it.
     pub time: String,
-    /// Values of the columns; `None` if missing, or no number.
+    /// Values of the columns; `None` if a value is missing, or is not a number.
     pub values: Vec<Option<f64>>,
 }
 
-/// Explains how a log is understood. An error of the log is part of the explanation.
+/// Explains how a log is read. Errors in the log are part of the explanation.
 ///
 /// # Errors
 /// The file cannot be read.

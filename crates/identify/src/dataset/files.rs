@@ -1,4 +1,4 @@
-//! Selection of the log files.
+//! Search for the log files that the operator named, also in directories.
 
 use std::fs::File;
 use std::io::{self, Read};
@@ -7,11 +7,11 @@ use std::path::{Path, PathBuf};
 use super::{BadLog, decode, head, spaced};
 use isotherm_profile::{FileKind, safe_file};
 
-/// Number of bytes of a text file in which the names of columns are searched.
+/// Number of bytes at the start of a text file in which the column names are searched.
 const SAMPLE: u64 = 1 << 16;
 
-/// Returns the log files in the order of `named`. A directory is replaced by the logs in it, sorted by name, except logs of
-/// outputs. Adds a remark about each file of a directory that may contain a log and is not read.
+/// Returns the log files in the order of `named`. A directory is replaced by the logs in it, sorted by name, except
+/// logs of outputs. Adds a remark about each other file of a directory that may contain a log.
 pub(super) fn logs(named: &[PathBuf], wrong: &mut Vec<String>, remarks: &mut Vec<String>) -> Vec<PathBuf> {
     if named.is_empty() {
         wrong.push("no log is named: give one or more CSV or Parquet files".to_owned());
@@ -49,9 +49,10 @@ fn is_of_outputs(path: &Path) -> bool {
     path.to_str().is_some_and(|path| path.ends_with(".outputs.csv") || path.ends_with(".outputs.csv.gz"))
 }
 
-/// Endings of text files that may be logs. Only those with a line of names are read: such a file may be a note.
+/// File extensions of text files that may be logs. Such a file is read only if it has a line with column names, because
+/// it may be a note.
 const TEXTS: [&str; 8] = ["txt", "tsv", "tab", "dat", "asc", "log", "prn", "lvm"];
-/// Endings of files that may contain logs and are not read, with the remedy.
+/// File extensions of files that may contain logs but cannot be read, with the remedy for the message.
 const UNREAD: [(&[&str], &str); 3] = [
     (
         &["xls", "xlsb", "ods"],
@@ -67,11 +68,11 @@ const UNREAD: [(&[&str], &str); 3] = [
     ),
 ];
 
-/// Remedy for a file that needs the feature `tables`.
+/// Remedy for a file that can only be read by a build with the feature `tables`.
 const NO_TABLES: &str = "this program was built without workbooks and compressed logs: save it as CSV, or use a packaged \
                          program";
 
-/// Use of a file in a directory of logs.
+/// Decision how a file in a directory of logs is used.
 #[derive(Debug, PartialEq, Eq)]
 enum Use {
     Log,
@@ -99,8 +100,8 @@ fn use_of(path: &Path) -> Use {
         _ if TEXTS.contains(&ending) => match is_log(path) {
             true => Use::Log,
             false => Use::Unread(
-                "no line of it names a time column above rows of numbers: `isotherm logs explain` shows how it is \
-                 understood"
+                "it has no line with a time column above rows of numbers: `isotherm logs explain` shows how the \
+                 file is read"
                     .to_owned(),
             ),
         },
@@ -111,7 +112,7 @@ fn use_of(path: &Path) -> Use {
     }
 }
 
-/// Returns whether a text file begins as a log does: with a line that names a time column, and rows below it.
+/// Returns whether a text file begins like a log: with a line that names a time column, and rows below that line.
 fn is_log(path: &Path) -> bool {
     let begin = || -> io::Result<Vec<u8>> {
         let (decoded, _) = decode::utf8(safe_file::open(path)?)?;
@@ -204,7 +205,7 @@ mod tests {
             ("old.ods", "x", "save the sheet"),
             ("week.zip", "x", "extract the logs"),
             ("can.mf4", "x", "export it as CSV or Parquet"),
-            ("notes.txt", "the door was open on Monday\n", "no line of it names a time column"),
+            ("notes.txt", "the door was open on Monday\n", "it has no line with a time column"),
             ("service.log", "2026-01-05 06:00:00 INFO started\n", "isotherm logs explain"),
             ("names.txt", "time\tbed\n", "above rows of numbers"),
         ] {

@@ -1,4 +1,4 @@
-//! Formats of log files, by the ends of their names.
+//! Formats of log files, by the file extension.
 
 use std::path::Path;
 
@@ -12,13 +12,14 @@ use super::workbook;
 use super::{BadLog, Split, Uses, csv};
 use isotherm_profile::FileKind;
 
-/// Reads a log file. The error of a file of another known kind, for example of a profile, names this kind only.
+/// Reads a log file in any format. If the file is of another known kind, for example a profile, the error message only
+/// states that kind.
 pub(super) fn read_table(file: &Path, split: &Split, uses: Uses<'_>) -> Result<Table, BadLog> {
     read_by_ending(file, split, uses).map_err(|wrong| named(file, wrong))
 }
 
-/// Returns the error about a file of another known kind, or whose name has the ending of another format; otherwise
-/// `wrong`, the error of the log.
+/// Returns the error message that states the kind of a file: another known kind, or another format by its file
+/// extension. If no kind is recognised, returns `wrong`, the error of the log.
 pub(super) fn named(file: &Path, wrong: BadLog) -> BadLog {
     FileKind::mistake(file, FileKind::Log).map_or(wrong, |line| BadLog(vec![line]))
 }
@@ -46,7 +47,7 @@ fn read_by_ending(file: &Path, split: &Split, uses: Uses<'_>) -> Result<Table, B
     }
 }
 
-/// Returns the message about a file that needs a feature of the build.
+/// Returns the error message about a file that needs a feature of the build.
 #[cfg(not(all(feature = "parquet", feature = "tables")))]
 fn not_built(file: &Path, what: &str, feature: &str) -> BadLog {
     BadLog(vec![format!(

@@ -28,7 +28,8 @@ pub(super) fn add(
     let columns: Vec<&str> = gauge.names_of_numbers().collect();
     let [column] = columns.as_slice() else {
         let there = if columns.is_empty() { "no column of numbers".to_owned() } else { columns.join(", ") };
-        let why = "a gauge's file has two columns, time and error; besides the time, this file has:";
+        let why =
+            "the file of a dial gauge has two columns, time and error; besides the time, this file has:";
         return Err(refused(format!("{why} {there}")));
     };
     if let Some((one, other)) = overlapping(&dataset.runs) {

@@ -1,4 +1,4 @@
-//! CSV logs that are compressed by gzip.
+//! Reader of CSV logs that are compressed with gzip.
 
 use std::io::{self, ErrorKind, Read};
 use std::path::Path;
@@ -8,7 +8,8 @@ use flate2::read::MultiGzDecoder;
 use super::table::Table;
 use super::{BadLog, Split, Uses, csv, files};
 
-/// Maximum size of a decompressed log, bytes. It is read in parts, so the limit bounds the time.
+/// Maximum size of a decompressed log, bytes. The log is read in parts, so this limit bounds the reading time, not the
+/// memory.
 const LARGEST: u64 = 4_000_000_000;
 
 /// Reads a compressed CSV log. Error messages contain line numbers.
@@ -26,7 +27,7 @@ pub(super) fn open(file: &Path) -> Result<Box<dyn Read>, BadLog> {
     Ok(Box::new(Limited { input: MultiGzDecoder::new(files::open(file)?), left: LARGEST }))
 }
 
-/// Reader that fails after a number of bytes.
+/// Reader that returns an error after a maximum number of bytes.
 struct Limited<R> {
     input: R,
     left: u64,

@@ -4,7 +4,7 @@ use std::io::{self, Chain, Cursor, Read};
 
 use isotherm_core::quantity::{Dialect, TimeColumns, is_unit};
 
-/// Number of bytes in which the column names are searched.
+/// Number of bytes at the start of a log in which the column names are searched.
 const SAMPLE: u64 = 1 << 16;
 /// Maximum number of lines before the column names.
 const MOST_SKIPPED: usize = 200;
@@ -14,19 +14,20 @@ const MOST_AFTER: usize = 2;
 /// Head of a log: the lines before its first row of values.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub(super) struct Head {
-    /// Number of lines before the column names.
+    /// Number of lines before the line with the column names.
     pub(super) skipped: u64,
     /// Number of lines between the column names and the first row.
     pub(super) after: u64,
-    /// Unit of each column in these lines; empty if a column has none.
+    /// Unit of each column in the lines after the column names; empty if a column has no unit there.
     pub(super) units: Vec<String>,
     /// First lines with rows.
     pub(super) rows: Vec<String>,
 }
 
 impl Head {
-    /// Returns the names of the columns. If none of them is a time, and dates with times are under an empty first name,
-    /// this column is the time: pandas writes an index without a name in this way.
+    /// Returns the names of the columns. If no column has the name of a time, an empty first name becomes the time
+    /// column, provided that its cells are dates with times. The library pandas writes an index without a name in this
+    /// way.
     pub(super) fn with_time(&self, mut names: Vec<String>, separator: u8) -> Vec<String> {
         let is_index = || {
             let row = self.rows.iter().find(|line| !line.trim().is_empty());
@@ -45,7 +46,7 @@ impl Head {
 /// Reader that begins at the column names of a log.
 type FromNames<R> = Chain<Cursor<Vec<u8>>, R>;
 
-/// Finds the head of a log.
+/// Finds the head of a log. Also returns a reader that begins at the column names.
 pub(super) fn start<R: Read>(mut input: R) -> io::Result<(Head, FromNames<R>)> {
     let mut sample = Vec::new();
     input.by_ref().take(SAMPLE).read_to_end(&mut sample)?;
@@ -170,7 +171,7 @@ fn is_value(cell: &str) -> bool {
     begins && (cell.contains(':') || is_number())
 }
 
-/// Returns whether a cell may be the number of a channel, as the name of a column: `101`.
+/// Returns whether a cell may be the number of a channel that is used as a column name, as in `101`.
 fn is_channel(cell: &str) -> bool {
     cell.len() <= 4 && cell.bytes().all(|byte| byte.is_ascii_digit())
 }

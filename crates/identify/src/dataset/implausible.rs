@@ -1,9 +1,9 @@
-//! Values that no sensor measured: overloads and errors of a logger that were written as numbers, its messages, and words
-//! such as `n/a`.
+//! Values that no sensor measured: overloads and errors of a logger that were written as numbers, its messages, and
+//! words such as `n/a`.
 //!
-//! A suspicious value, such as 9.9E37, 850 or 0, counts only if it stands apart from the values before and after it by
-//! more than the machine moves between two rows. The rows are left out and named. Short gaps of a temperature are bridged
-//! by straight lines, as those of its spikes are.
+//! A suspicious value is for example 9.9E37, 850 or 0. It counts as implausible only if its distance from the values
+//! before and after it is larger than the machine can move between two rows. These values are left out, and a remark
+//! names their lines. Short gaps of a temperature are bridged by straight lines.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::ops::{Range, RangeInclusive};
@@ -16,38 +16,38 @@ use super::{Kind, Refusal, Series};
 use crate::statistics::{count, range};
 use isotherm_core::quantity::{Conversion, Moment};
 
-/// Largest share of the rows of a run that may be implausible.
+/// Maximum share of the rows of a run that may be implausible before the column is rejected.
 const MOST: f64 = 0.05;
-/// Number of lines that a remark names.
+/// Maximum number of lines that a remark lists.
 const NAMED: usize = 5;
-/// Multiple of the usual step between two rows above which a step counts as impossible for a machine.
+/// Factor on the usual step between two rows. A larger step counts as impossible for a machine.
 const TIMES_USUAL: f64 = 6.0;
-/// Multiple of the resolution of a column by which an implausible value stands apart.
+/// Factor on the resolution of a column: minimum distance of an implausible value from its neighbours.
 const TIMES_SMALLEST: f64 = 3.5;
-/// Longest gap of a temperature that is bridged.
+/// Maximum gap of a temperature that is bridged by a straight line.
 const BRIDGED: Duration = Duration::from_secs(300);
 /// Maximum time between a value and the values before and after it with which it is compared.
 const NEAR: Duration = Duration::from_secs(3600);
-/// Maximum number of rows after which a jump must return, so that it counts as implausible.
+/// Maximum number of rows after which the value must return, so that a jump counts as implausible.
 const SHORT: usize = 5;
 /// Minimum size of a jump of a displacement that counts as implausible if the value returns: in µm, and as a multiple
 /// of the usual step.
 const JUMP: (f64, f64) = (20.0, 20.0);
 
-/// Temperatures of a machine, °C. Any other value is suspicious.
+/// Range of plausible temperatures of a machine, °C. Any other value is suspicious.
 const OF_MACHINES: RangeInclusive<f64> = -60.0..=200.0;
-/// Change of a speed or position, as a share of its range, from which on the machine counts as moved.
+/// Minimum change of a speed or position, as a share of its range, from which the machine counts as moved.
 const MOVED: f64 = 0.1;
 
-/// Column of values, as it is tested.
+/// Column of values that is tested for implausible values.
 #[derive(Clone, Copy)]
 pub(super) struct Tested<'a> {
     pub(super) kind: Kind,
     pub(super) times: &'a [Moment],
     pub(super) values: &'a [f64],
-    /// Conversion by which the values were made from those in the log.
+    /// Conversion that produced the values from the cells of the log.
     pub(super) conversion: Conversion,
-    /// Returns whether the machine moved between two rows, so that a displacement may jump.
+    /// Function that returns whether the machine moved between two rows. A displacement may jump during a movement.
     pub(super) moved: &'a dyn Fn(usize, usize) -> bool,
 }
 
@@ -64,9 +64,9 @@ fn least_distance(kind: Kind) -> Option<f64> {
 /// Rows of a column that no sensor measured.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub(super) struct Found {
-    /// Suspicious values that stand apart from their neighbours.
+    /// Rows with suspicious values that differ clearly from their neighbours.
     pub(super) sentinels: Vec<usize>,
-    /// Jumps that return after a few rows, in a column of displacements.
+    /// Rows of jumps that return after a few rows, in a column of displacements.
     pub(super) jumps: Vec<usize>,
     /// First row after each jump that does not return, in a column of displacements. Its values are used.
     pub(super) lasting: Vec<usize>,
@@ -121,8 +121,8 @@ fn is_near(times: &[Moment], one: usize, other: usize) -> bool {
 }
 
 /// Returns whether a value is farther from its neighbours than `least`, and the neighbours are alike. The neighbours of
-/// zero need only be on one side of it. A value at the begin or end of the rows has one neighbour. At such a place,
-/// zero is not implausible.
+/// zero need only be on one side of it. A value in the first or last row has only one neighbour; a zero there is not
+/// implausible.
 fn stands_apart(value: f64, before: Option<f64>, after: Option<f64>, least: f64) -> bool {
     let distance = |neighbour: f64| (value - neighbour).abs();
     match (before, after) {
@@ -137,8 +137,8 @@ fn stands_apart(value: f64, before: Option<f64>, after: Option<f64>, least: f64)
     }
 }
 
-/// Returns the smallest step between neighbouring good rows, which is the resolution of the column. The second result
-/// is the step that 90 % of the steps do not exceed. Both are 0 if the values never change.
+/// Returns two steps between neighbouring good rows: the smallest one, which is the resolution of the column, and the
+/// step that 90 % of the steps do not exceed. Both are 0 if the values never change.
 fn steps(values: &[f64], good: &[usize]) -> (f64, f64) {
     let mut steps: Vec<f64> = good.windows(2).map(|pair| (values[pair[1]] - values[pair[0]]).abs()).collect();
     steps.sort_by(f64::total_cmp);
@@ -146,8 +146,8 @@ fn steps(values: &[f64], good: &[usize]) -> (f64, f64) {
     (smallest.unwrap_or(0.0), steps.get(steps.len() * 9 / 10).copied().unwrap_or(0.0))
 }
 
-/// Returns the rows of jumps that return within a few rows while the machine does not move, and the first row after each
-/// jump from one row to the next that does not return.
+/// Finds the jumps of a displacement while the machine does not move. Returns two lists: the rows of jumps that return
+/// within a few rows, and the first row after each jump that does not return.
 fn jumps(tested: &Tested<'_>, sentinels: &[usize], usual: f64) -> (Vec<usize>, Vec<usize>) {
     let Tested { times, values, moved, .. } = *tested;
     let least = f64::max(JUMP.0, JUMP.1 * usual);
@@ -193,14 +193,14 @@ pub(super) struct Wrong {
     pub(super) place: usize,
     run: Range<usize>,
     pub(super) rows: BTreeSet<usize>,
-    /// Text that names the rows.
+    /// Text for a message that lists the rows with these values.
     text: String,
     is_bridged: bool,
     are_too_many: bool,
 }
 
 impl Wrong {
-    /// Returns the message about too many values; `None` if they are few.
+    /// Returns the error message about too many implausible values; `None` if they are few.
     pub(super) fn refusal(&self) -> Option<String> {
         self.are_too_many.then(|| {
             format!(
@@ -211,7 +211,8 @@ impl Wrong {
         })
     }
 
-    /// Returns the remark about the values that were left out. `is_bridged` is whether a gap of them was bridged.
+    /// Returns the remark about the values that were left out. `is_bridged` is true if a gap was bridged by a straight
+    /// line.
     pub(super) fn left_out(&self, is_bridged: bool) -> String {
         let done = if is_bridged { "; gaps of up to 5 min were bridged by straight lines" } else { "" };
         format!("{}: left out{done}", self.text)
@@ -219,7 +220,7 @@ impl Wrong {
 }
 
 /// Removes the implausible values from each run of a table. Returns remarks with file, line and value, and the columns
-/// that have too many of them.
+/// that have too many implausible values.
 pub(super) fn leave_out(
     table: &mut Table,
     runs: &[Range<usize>],
@@ -323,19 +324,20 @@ pub(super) fn wrong(table: &Table, runs: &[Range<usize>], kind: KindOf<'_>) -> (
     (found, remarks)
 }
 
-/// Returns the remark about the jumps of a column that do not return. `first` is the row after the first of them.
+/// Returns the remark about jumps of a column that do not return. `first` is the row after the first jump, and `jumps`
+/// is their number.
 fn lasting_jump(table: &Table, name: &str, first: usize, jumps: usize) -> String {
     let more = if jumps > 1 { format!(", and jumps {} more times", jumps - 1) } else { String::new() };
     format!(
-        "{}, {} {}, column {name}: the value jumps from one row to the next, and stays there{more}. No machine moves like \
-         this. If the probe was moved or set to zero, split the log there",
+        "{}, {} {}, column {name}: the value jumps from one row to the next and does not return{more}. No machine moves like \
+         this. If the probe was moved or set to zero, split the log at this row",
         table.file.display(),
         table.row,
         table.lines.of(first)
     )
 }
 
-/// Returns the text that names the rows of a column, with the first value.
+/// Returns a text that lists the given rows of a column, with the first value.
 fn remark(
     table: &Table,
     (name, conversion): (&str, Conversion),
@@ -365,7 +367,7 @@ fn remark(
     )
 }
 
-/// Bridges short gaps by straight lines. Returns whether there was one.
+/// Bridges short gaps by straight lines. Returns whether a gap was bridged.
 fn bridge(times: &[Moment], values: &mut [f64], wrong: &BTreeSet<usize>, rows: &Range<usize>) -> bool {
     let mut bridged = false;
     for row in wrong.iter().copied() {

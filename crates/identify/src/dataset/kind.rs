@@ -4,7 +4,7 @@ use std::fmt;
 
 use super::Series;
 
-/// Guessed kind of a log column of numbers.
+/// Kind of quantity in a log column of numbers, guessed from unit, name and values.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, serde::Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Kind {
@@ -73,23 +73,23 @@ impl Kind {
     }
 }
 
-/// Values that loggers write instead of any quantity, with both signs.
+/// Values that loggers write instead of any measured quantity, positive or negative.
 const OF_ANY: [f64; 19] = [
     999.0, 999.9, 999.99, 9999.0, 9999.9, 99_999.0, 888.8, 8888.0, 777.7, 327.67, 327.68, 3276.7, 3276.8,
     32_767.0, 32_768.0, 655.35, 6553.5, 65_535.0, 99_999.9,
 ];
-/// Values that modules and sensors give instead of a temperature, °C.
+/// Values that input modules and sensors output instead of a temperature, °C, for example at a broken wire.
 const OF_TEMPERATURES: [f64; 22] = [
     0.0, 85.0, 125.0, 127.0, -127.0, 128.0, 150.0, 400.0, 600.0, 650.0, 760.0, 800.0, 850.0, 988.79, 1000.0,
     1200.0, 1300.0, 1370.0, 1372.0, 1768.0, 1820.0, -242.02,
 ];
-/// Ends of the ranges of sensors, °C.
+/// Lower ends of the measuring ranges of sensors, °C.
 const COLDEST: [f64; 5] = [-40.0, -50.0, -200.0, -270.0, -273.15];
 
-/// Size of a value that no temperature, displacement or speed of a machine reaches.
+/// Magnitude that no temperature, displacement or speed of a machine reaches.
 pub(super) const HUGE: f64 = 1e6;
 
-/// Returns whether a logger may write this number instead of a value of this kind.
+/// Returns whether a logger may have written this number instead of a measured value of this kind.
 pub(super) fn is_suspicious(kind: Kind, value: f64) -> bool {
     let is = |known: &f64| (value - known).abs() < 0.004;
     let is_of_any = value.abs() >= HUGE || OF_ANY.iter().any(|known| is(known) || is(&-known));
@@ -101,7 +101,7 @@ pub(super) fn is_suspicious(kind: Kind, value: f64) -> bool {
     }
 }
 
-/// Words in the names of quantities whose values may look like temperatures.
+/// Words in column names of other quantities, whose values may look like temperatures.
 const OTHER_QUANTITIES: [&str; 45] = [
     "humidity",
     "rh",
@@ -149,14 +149,14 @@ const OTHER_QUANTITIES: [&str; 45] = [
     "batt",
     "rssi",
 ];
-/// Whole names of counters and of quantities with short names, whose values may look like temperatures.
+/// Column names of counters and of quantities with short names, whose values may look like temperatures.
 const OTHER_NAMES: [&str; 18] = [
     "scan", "index", "no", "no.", "nr", "nr.", "number", "nummer", "#", "id", "count", "counter", "zähler",
     "row", "zeile", "ms", "ph", "co2",
 ];
 
-/// Returns whether a word of the name is another quantity than a temperature, a length or a speed. A word for a
-/// temperature has precedence: `power_supply_temp`.
+/// Returns whether a word of the column name means a quantity other than temperature, length or speed. A word for a
+/// temperature has precedence, as in `power_supply_temp`.
 fn names_another_quantity(name: &str) -> bool {
     let words = || name.split(|letter: char| !letter.is_alphabetic());
     let is_temperature = words().any(|word| word.starts_with("temp"));

@@ -1,5 +1,5 @@
-//! Implausible values of measured errors, for the reader of rows in `isotherm replay`. They are the values that
-//! `identify` leaves out.
+//! Implausible values of measured errors, for the row reader of `isotherm replay`. The same values are left out by
+//! `isotherm identify`.
 
 use std::collections::HashMap;
 use std::path::Path;
@@ -12,17 +12,17 @@ use super::{BadLog, Kind, Series, Split, unit};
 /// Values of the measured errors in one log that no sensor measured.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Implausible {
-    /// Lines of these values, in ascending order, by the name of the column.
+    /// Line numbers of these values, in ascending order. The key is the name of the column.
     pub lines: HashMap<String, Vec<u64>>,
     /// Remarks with file, line and value.
     pub remarks: Vec<String>,
 }
 
-/// Finds these values in the columns `split.displacements` of a log. A log that the reader of rows may read, but this
-/// function does not, gives a remark.
+/// Finds the implausible values in the columns `split.displacements` of a log. If this function cannot read a log, the
+/// result contains a remark, because `isotherm replay` may read it nevertheless.
 ///
 /// # Errors
-/// A column has too many of these values.
+/// A column has too many implausible values.
 pub(super) fn in_file(
     file: &Path,
     split: &Split,
@@ -41,10 +41,10 @@ pub(super) fn in_file(
     }
 }
 
-/// Leaves these values of a table out.
+/// Removes the implausible values from a table.
 ///
 /// # Errors
-/// A column has too many of them.
+/// A column has too many implausible values.
 pub(super) fn leave_out(table: &mut Table, split: &Split, units: Units<'_>) -> Result<Implausible, BadLog> {
     let of_profile = |name: &str| {
         let logged = table.units.get(name).and_then(|logged| unit::of_profile(name, logged));

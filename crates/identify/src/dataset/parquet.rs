@@ -3,8 +3,8 @@
 //! ```text
 //! metadata: rows × columns, pages ── within the limits? ── column by column into the table
 //! ```
-//! A file of some kilobytes can claim to contain gigabytes. Therefore the claims are checked before anything is
-//! decompressed. The Parquet library may panic, so the file is read in a way that catches panics.
+//! The metadata of a file of some kilobytes can state gigabytes. Therefore all sizes are checked before anything is
+//! decompressed. The Parquet library may panic, so panics are caught while the file is read.
 
 use std::fs::File;
 use std::path::Path;
@@ -31,11 +31,11 @@ mod thrift;
 
 /// Maximum memory of the numbers, as a multiple of the file size.
 const PER_BYTE: u64 = 10;
-/// Memory for the numbers that is always allowed, in addition to the multiple of the file size, bytes.
+/// Number of bytes that the numbers of any file may use, in addition to the multiple of the file size.
 const AT_LEAST: u64 = 96_000_000;
-/// Maximum number of changes of the date in a file: more than two hundred years of days.
+/// Maximum number of date changes in a file: more than two hundred years of days.
 const MOST_DATES: usize = 100_000;
-/// Number of values that are decoded at a time.
+/// Number of values that are decoded in one step.
 const BATCH: usize = 8192;
 
 /// Reads a Parquet log. Error messages contain row numbers, counted from one.
@@ -94,7 +94,7 @@ fn from_file(path: &Path, file: File, split: &Split, uses: Uses<'_>) -> Result<T
     table.finish((1, "there are no rows"))
 }
 
-/// Returns the name of a column. For a value in a nested structure, it is the whole path.
+/// Returns the name of a column. For a value in a nested structure, the name is the whole path.
 fn name(column: &ColumnDescPtr) -> String {
     if is_plain(column) { column.name().to_owned() } else { column.path().string() }
 }
@@ -104,9 +104,9 @@ fn is_plain(column: &ColumnDescPtr) -> bool {
     column.path().parts().len() == 1 && column.max_rep_level() == 0
 }
 
-/// Reason why the reading of a column stopped.
+/// Reason why reading of a column stopped.
 enum Stopped {
-    /// The table already contains the error message.
+    /// Error that is already a message in the table.
     Told,
     Wrong(String),
 }
@@ -137,7 +137,7 @@ impl Opened {
         self.reader.metadata().row_groups()
     }
 
-    /// Rejects a file with more numbers than its size allows.
+    /// Rejects a file that contains more numbers than its size allows.
     fn check_size(&self, table: &Reader) -> Result<(), String> {
         let rows = self.groups().iter().try_fold(0u64, |rows, group| {
             u64::try_from(group.num_rows()).ok().and_then(|more| rows.checked_add(more))
@@ -159,8 +159,8 @@ impl Opened {
         Ok(())
     }
 
-    /// Reads one column of all row groups into the table. `dates` contains the dates of the rows, if the column is the
-    /// time and another one is the date.
+    /// Reads one column of all row groups into the table. If the column contains the times, and another column the
+    /// dates, `dates` contains the dates of the rows.
     fn read(
         &self,
         column: &ColumnDescPtr,
@@ -251,7 +251,7 @@ impl Opened {
     }
 }
 
-/// Message about delta-encoded texts in a column that is needed.
+/// Error message about delta-encoded texts in a column that is needed.
 const DELTAS: &str = "the texts of this column are stored as differences, which is not supported: write them plain or with a \
                       dictionary";
 
@@ -278,7 +278,7 @@ impl Dates {
     }
 }
 
-/// Stores a value in the table. `dates` completes times of a day.
+/// Stores a value in the table. `dates` adds the date to a time of day.
 fn take(
     table: &mut Reader,
     (place, row): (usize, u64),
@@ -362,7 +362,7 @@ impl Cells<'_> {
         }
     }
 
-    /// Reads values as the texts that CSV would contain.
+    /// Reads values as the texts that a CSV file would contain.
     fn fields<T: DataType>(
         &self,
         reader: ColumnReaderImpl<T>,
@@ -406,7 +406,7 @@ impl Cells<'_> {
     }
 }
 
-/// Returns the text that this field would have in CSV. Numbers have all digits.
+/// Returns the text that this field would have in a CSV file. Numbers have all their digits.
 fn text(field: &Field) -> String {
     match field {
         Field::Null => String::new(),
@@ -419,22 +419,22 @@ fn text(field: &Field) -> String {
     }
 }
 
-/// Times of a column that states their unit.
+/// Time stamps of a column whose type states their unit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Stamps {
-    /// Number of nanoseconds in one unit of the times.
+    /// Number of nanoseconds in one unit of the time stamps.
     unit: i64,
     kind: StampKind,
 }
 
-/// Meaning of the times of a column.
+/// Meaning of the time stamps of a column.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum StampKind {
     /// Dates and times in UTC.
     Utc,
     /// Wall-clock dates and times without a time zone.
     Wall,
-    /// Times of a day without a date.
+    /// Times of day without a date.
     OfDay,
 }
 
@@ -454,7 +454,7 @@ impl Stamps {
         Some(Stamps { unit, kind })
     }
 
-    /// Returns the form of the times.
+    /// Returns the format of the time stamps.
     fn form(self) -> TimeForm {
         match self.kind {
             StampKind::Utc => TimeForm::StampsInUtc,
@@ -463,7 +463,7 @@ impl Stamps {
         }
     }
 
-    /// Returns a time as the text that CSV would contain; empty if it is no time.
+    /// Returns a time stamp as the text that a CSV file would contain; empty if the stamp is not a valid time.
     fn text(self, stamp: i64) -> String {
         let nanos = stamp.checked_mul(self.unit);
         match self.kind {

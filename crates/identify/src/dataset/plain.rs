@@ -1,5 +1,7 @@
-//! Logs as CSV in UTF-8 that begins with the column names, for the reader of rows in `isotherm replay`. A log is thereby
-//! read in the same encodings, and below the same lines of a logger, as by `isotherm identify`.
+//! Conversion of any log to CSV in UTF-8 that begins with the column names, for the row reader of `isotherm replay`.
+//!
+//! Therefore `isotherm replay` reads the same encodings, and the same lines of a logger before the column names, as
+//! `isotherm identify`.
 
 use std::collections::HashMap;
 use std::io::{self, BufRead, BufReader, Cursor, Read, Write};
@@ -11,26 +13,27 @@ use super::tidy::Tidy;
 use super::{BadLog, Implausible, Series, Split, decode, files, head, measured, spaced, steps};
 use isotherm_core::quantity::{Dialect, TimeColumns, names_and_units, time};
 
-/// Number of bytes in which the names of the columns are searched, as in [`head::start`].
+/// Number of bytes in which the column names are searched, as in [`head::start`].
 const LONGEST_HEAD: u64 = 1 << 16;
 
 /// Log as CSV in UTF-8.
 pub struct PlainLog {
-    /// Text of the log. Its first line has the names of the columns, with the units of a second line.
+    /// Text of the log. The first line contains the names of the columns, with the units from a second header line.
     pub input: Box<dyn Read>,
-    /// Whether the log is CSV. Otherwise, `input` has decimal points and times in UTC.
+    /// Whether the log file is CSV. If it is not, `input` has decimal points and times in UTC.
     pub is_csv: bool,
     /// Cells of the first rows.
     pub first_rows: Vec<Vec<String>>,
-    /// Number of lines of the file before the names, and between the names and the first row, which are not in `input`.
+    /// Number of lines of the file before the column names, and between the column names and the first row. `input`
+    /// does not contain these lines.
     pub left_out: [u64; 2],
-    /// Values of the columns `split.displacements` that no sensor measured. In a log that is no CSV, they are empty cells
-    /// already, and no lines are given.
+    /// Values of the columns `split.displacements` that no sensor measured. If the file is not CSV, these values are
+    /// empty cells in `input`, and no lines are given here.
     pub implausible: Implausible,
 }
 
-/// Reads any log that [`Dataset::read`](super::Dataset::read) reads. `input` is the opened file. Of a log that is no CSV, only
-/// the columns that are used are read, without texts.
+/// Reads any log that [`Dataset::read`](super::Dataset::read) reads. `input` is the opened file. If the file is not
+/// CSV, only the columns that are used are read, without texts.
 ///
 /// # Errors
 /// - Those of [`Dataset::read`](super::Dataset::read) for this file, except those in a row of a CSV log.
@@ -68,8 +71,8 @@ pub fn plain_log(
     }
 }
 
-/// Reads CSV in any encoding of a logger, without the lines around the column names. Also returns these names, with
-/// their units. `None` if the log is long.
+/// Reads CSV in any encoding of a logger, without the lines around the column names. Also returns the column names with
+/// their units. `None` if the log is in long format, with one row for each value.
 fn plain_csv(input: impl Read + 'static, split: &Split) -> io::Result<Option<(PlainLog, Vec<String>)>> {
     let (decoded, _) = decode::utf8(input)?;
     let (head, rest) = head::start(spaced::columns(decoded)?)?;
@@ -115,7 +118,7 @@ fn with_units(names: &[String], units: &[String], separator: u8) -> Vec<u8> {
     line
 }
 
-/// Reads the columns of a log that are used, as CSV.
+/// Reads the used columns of a log that is not CSV, and returns them as CSV.
 fn csv_of_table(
     file: &Path,
     split: &Split,

@@ -10,12 +10,12 @@ use super::Run;
 use crate::statistics::count;
 use isotherm_core::quantity::{Moment, time};
 
-/// Maximum number of rows of all runs that are compared. If there are more, a sample of them is compared, which depends
-/// only on their content.
+/// Maximum number of rows of all runs that are compared. If there are more, only a sample is compared. The choice of
+/// the sample depends only on the content of the rows.
 const MOST_ROWS: usize = 400_000;
-/// Smallest share of the shorter run's rows that must occur in the other run in the same order.
+/// Minimum share of the shorter run's rows that must occur in the other run in the same order.
 const LEAST_SHARE: f64 = 0.5;
-/// Smallest number of equal rows with different contents. Fewer rows may be equal by chance.
+/// Minimum number of different row contents that two runs must share. Fewer rows may be equal by chance.
 const LEAST_ROWS: usize = 20;
 /// Maximum number of runs in which a row content may occur. Content that occurs in more runs is usual for the machine,
 /// and is not compared.
@@ -24,13 +24,13 @@ const MOST_RUNS_OF_A_CONTENT: usize = 64;
 const MOST_ROWS_OF_A_CONTENT: usize = 32;
 /// Maximum number of runs that are compared in pairs, and maximum number of rows that are compared in each pair.
 const MOST_PAIRED: (usize, usize) = (200, 200);
-/// Smallest share of the rows of a pair that must be equal but for rounding.
+/// Minimum share of the rows of a pair of runs that must be equal except for rounding.
 const LEAST_ROUNDED: f64 = 0.9;
 /// Earliest time that is a date, s since 1970 (in the year 1990). An earlier time counts from the start of a log.
 const FIRST_DATE: u64 = 631_152_000;
 
-/// Returns a sentence for each pair of runs that contains the same minutes. `is_measured` returns whether the values of a
-/// column were measured. The others are those of a program, and are the same on several days.
+/// Returns a sentence for each pair of runs that contains the same minutes. `is_measured` returns whether the values of
+/// a column were measured. Other columns contain values that a program calculated, which may be equal on several days.
 pub(super) fn find(runs: &[Run], is_measured: &dyn Fn(usize) -> bool) -> Vec<String> {
     if runs.len() < 2 {
         return Vec::new();
@@ -91,14 +91,15 @@ impl Copied {
     }
 }
 
-/// Distance between two equal rows: in rows, or in time if one of the runs lacks some rows of the other.
+/// Distance between two equal rows of different runs. It is counted in rows, or in time if one of the runs lacks some
+/// rows of the other run.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 enum Distance {
     Rows(i64),
     Seconds(i64),
 }
 
-/// Returns the pairs of runs in which the shorter one is a copy of a part of the other.
+/// Returns the pairs of runs in which the shorter run is a copy of a part of the longer run.
 fn copies(runs: &[Run], columns: &[usize]) -> Vec<Copied> {
     let rows: usize = runs.iter().map(|run| run.times.len()).sum();
     let one_of = 1 + rows / MOST_ROWS;
@@ -155,8 +156,9 @@ fn copies(runs: &[Run], columns: &[usize]) -> Vec<Copied> {
     found
 }
 
-/// Returns the pairs of runs with the same values at the same times since their first rows, if one of them was rounded:
-/// one day as CSV and as Parquet. `known` are the copies that were found by their content.
+/// Returns the pairs of runs with the same values at the same times since their first rows, if the values of one run
+/// were rounded. An example is one day as CSV and as Parquet. `known` contains the copies that were found by their
+/// content.
 fn rounded_copies(runs: &[Run], columns: &[usize], known: &[Copied]) -> Vec<Copied> {
     let (most_runs, most_rows) = MOST_PAIRED;
     let mut found: Vec<Copied> = Vec::new();
@@ -192,7 +194,8 @@ fn rounded_copies(runs: &[Run], columns: &[usize], known: &[Copied]) -> Vec<Copi
     found
 }
 
-/// Returns rows of two runs at the same times since their first rows, spread over the shorter run.
+/// Returns pairs of rows of two runs at the same times since their first rows. The pairs are spread over the shorter
+/// run.
 fn rows_at_the_same_times(short: &Run, long: &Run, most: usize) -> Vec<(usize, usize)> {
     let (Some(begin), Some(other)) = (short.times.first(), long.times.first()) else { return Vec::new() };
     let step = 1 + short.times.len() / most;
@@ -207,7 +210,7 @@ fn rows_at_the_same_times(short: &Run, long: &Run, most: usize) -> Vec<(usize, u
     if count(pairs.len()) < LEAST_ROUNDED * count(rows.len()) { Vec::new() } else { pairs }
 }
 
-/// Returns whether the values of a column differ by rounding only.
+/// Returns whether the values of a column in two runs differ only by rounding.
 fn is_rounded(one: &Run, other: &Run, column: usize, pairs: &[(usize, usize)]) -> bool {
     let (one, other) = (&one.values[column], &other.values[column]);
     let step = f64::max(
@@ -222,7 +225,7 @@ fn is_rounded(one: &Run, other: &Run, column: usize, pairs: &[(usize, usize)]) -
     count(differing) <= (1.0 - LEAST_ROUNDED) * count(pairs.len())
 }
 
-/// Returns the decimal place to which these values were rounded, from 1 to 0.001.
+/// Returns the decimal step to which these values were rounded, from 1 to 0.001.
 fn resolution(values: impl Iterator<Item = f64> + Clone) -> f64 {
     let is_rounded_to = |step: &f64| {
         let is_whole = |value: f64| ((value / step).round() - value / step).abs() < 1e-4;
@@ -239,8 +242,8 @@ fn common_columns(runs: &[Run]) -> Vec<usize> {
     (0..columns).filter(is_common).collect()
 }
 
-/// Returns the hash of the values of each row, and its index. A row without values is left out. Only one of `one_of` rows
-/// is returned, selected by its hash.
+/// Returns the hash of the values and the index of each row. Rows without values are left out. Only one of `one_of`
+/// rows is returned; the hash selects it.
 fn hashes(run: &Run, columns: &[usize], one_of: u64) -> Vec<(u64, usize)> {
     let hash = |row: usize| {
         let mut hasher = DefaultHasher::new();
@@ -262,14 +265,16 @@ fn hashes(run: &Run, columns: &[usize], one_of: u64) -> Vec<(u64, usize)> {
     rows.filter(|(hash, _)| hash.is_multiple_of(one_of) && is_compared(*hash)).collect()
 }
 
-/// Returns the bits of a value that is the same in a file with decimals and in one with binary numbers of four bytes.
+/// Returns the bits of a value after rounding. They are equal for decimal text and for a four-byte binary number of the
+/// same value.
 fn rounded(value: f64) -> u64 {
     let rounded = (value * 1000.0).round() / 1000.0;
     // Negative zero has other bits.
     if value.is_finite() { (rounded + 0.0).to_bits() } else { u64::MAX }
 }
 
-/// Returns the pairs of runs of different files that overlap in absolute time. The run that begins first comes first.
+/// Returns the pairs of runs from different files that overlap in absolute time. The run that begins first comes first
+/// in its pair.
 fn overlaps(runs: &[Run]) -> Vec<(usize, usize)> {
     let is_dated = |first: &Moment| first.as_nanos() / 1_000_000_000 >= FIRST_DATE;
     let span = |(place, run): (usize, &Run)| {

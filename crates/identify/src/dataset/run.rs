@@ -19,20 +19,21 @@ pub struct Run {
     pub times: Vec<Moment>,
     /// Values by log column and row; NaN if missing.
     pub values: Vec<Series>,
-    /// Datums of the run, as far as the log contains them, and the source of its errors and times.
+    /// Datums (zero points) of the run that the log contains, and the source of the errors and times.
     pub(crate) origin: Origin,
 }
 
-/// Datums of a run: rows from which its errors and its rises may count. Also the source of its errors and times.
+/// Datums (zero points) of a run: rows from which the errors and rises are counted. Also the source of the errors and
+/// times of the run.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Origin {
-    /// Rows directly after a zero command, ascending, each with the axis of the command; `None` for all axes. Only a
-    /// log of the gateway contains them.
+    /// Rows directly after a zero command, ascending, each with the axis of the command; `None` for all axes. Only logs
+    /// of the gateway contain zero commands.
     pub(crate) zeros: Vec<(usize, Option<String>)>,
-    /// Whether the machine was already on before the first row, as the log of a gateway says. Its references were
+    /// Whether the machine was already on before the first row, according to a gateway log. The references were then
     /// captured in an earlier file.
     pub(crate) continues: bool,
-    /// Source of the errors.
+    /// Source of the measured errors.
     pub(crate) errors: Errors,
     /// Whether the run is the last one of a record of touches. Later logs may then add touches to the run.
     pub(crate) is_open: bool,
@@ -43,21 +44,22 @@ pub(crate) struct Origin {
 /// Source of the measured errors of a run.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) enum Errors {
-    /// A sensor, row by row. The errors count from their mean while the references settle.
+    /// A sensor measured the error in each row. The errors are counted from their mean while the references settle.
     #[default]
     Recorded,
-    /// Touches of a probe. They count from this datum.
+    /// A probe measured the error by touches. The errors are counted from this datum.
     Touched(Datum),
 }
 
-/// Datum of a run of touches: the row at which the error is zero.
+/// Datum (zero point) of a run with touches: the row at which the error is zero.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Datum {
     /// The error is zero at machine start.
     Start,
-    /// Zero command directly before this row. The rises count from this row, too.
+    /// The error is zero at the zero command directly before this row. The rises are counted from this row, too.
     Zero(usize),
-    /// First touch from this row on, because no datum is in the log. The rises count from the row of that touch, too.
+    /// The error is zero at the first touch at or after this row, because the log has no datum. The rises are counted
+    /// from the row of that touch, too.
     Touch(usize),
 }
 
@@ -84,7 +86,8 @@ impl Run {
         range(&self.values[column])
     }
 
-    /// Returns the first row of the run that may be its datum, if it was measured by touches.
+    /// Returns the first row of the run that may be the datum (zero point) of the touches; `None` if the error was
+    /// measured row by row.
     pub(crate) fn datum(&self) -> Option<usize> {
         match self.origin.errors {
             Errors::Recorded => None,

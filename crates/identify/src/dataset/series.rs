@@ -1,16 +1,16 @@
-//! Numbers of a log column in few bits. Most logs have numbers with few decimals, and a quantity changes little within
-//! some minutes.
+//! Numbers of a log column in compressed form. Most logs have numbers with few decimals, and a quantity changes little
+//! within some minutes.
 
 use std::fmt;
 use std::ops::Range;
 
 use crate::statistics::least_and_most;
 
-/// Number of rows that are packed together.
+/// Number of rows that are packed into one block.
 const ROWS: usize = 1024;
-/// Steps in 1 of numbers with 0 to 6 decimals.
+/// Numbers of decimal steps in 1, for values with 0 to 6 decimals.
 const STEPS: [f64; 7] = [1.0, 1e1, 1e2, 1e3, 1e4, 1e5, 1e6];
-/// Limit of the packed multiples, 2^52. The difference of two of them is exact.
+/// Limit of the packed multiples, 2^52. Below it, the difference of two multiples is exact.
 const LIMIT: f64 = 4_503_599_627_370_496.0;
 
 /// Numbers of a log column by row; NaN if missing. Each number is stored exactly.
@@ -32,14 +32,14 @@ enum Block {
 /// Numbers that are multiples of a decimal step.
 #[derive(Clone)]
 struct Packed {
-    /// Smallest multiple.
+    /// Smallest multiple in the block.
     least: f64,
-    /// Number of steps in 1.
+    /// Number of decimal steps in 1.
     steps: f64,
-    /// Number of bits of a row.
+    /// Number of bits for each row.
     width: usize,
-    /// Bits of all rows: 0 if the number is missing, otherwise 1 plus the distance from the smallest multiple. One more
-    /// word follows, so that a row can be read from two words.
+    /// Bits of all rows. The code of a row is 0 if the number is missing, otherwise 1 plus the distance from the
+    /// smallest multiple. One additional word is at the end, so that any row can be read from two words.
     words: Box<[u64]>,
 }
 
@@ -89,7 +89,7 @@ impl Series {
         Numbers { series: self, rows }
     }
 
-    /// Changes numbers with a function of all rows.
+    /// Changes the numbers of all rows with the function `change`.
     pub fn change(&mut self, change: impl FnOnce(&mut [f64])) {
         let mut numbers = self.to_vec();
         change(&mut numbers);
@@ -152,16 +152,16 @@ fn multiple(number: f64, steps: f64) -> f64 {
     (number * steps).round() + 0.0
 }
 
-/// Returns the bits of a multiple; NaN is missing.
+/// Returns the code of a multiple; NaN means a missing number and gets the code 0.
 fn code(multiple: f64, least: f64) -> u64 {
     #[allow(clippy::cast_possible_truncation, reason = "a whole number below 2^53")]
     let distance = (multiple - least) as u64;
     if multiple.is_nan() { 0 } else { 1 + distance }
 }
 
-/// Returns the low word of a pair.
+/// Returns the lower 64 bits of a pair of words.
 fn low(pair: u128) -> u64 {
-    #[allow(clippy::cast_possible_truncation, reason = "the high word is not asked for")]
+    #[allow(clippy::cast_possible_truncation, reason = "only the lower 64 bits are needed")]
     let low = pair as u64;
     low
 }

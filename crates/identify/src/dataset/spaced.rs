@@ -6,14 +6,14 @@ use super::head;
 use super::text_reader::{Begun, Convert, TextReader};
 use isotherm_core::quantity::TimeColumns;
 
-/// Number of bytes in which the names of the columns are searched.
+/// Number of bytes at the start of a log in which the column names are searched.
 const SAMPLE: u64 = 1 << 16;
-/// Maximum length of a line, bytes. A longer one is not changed.
+/// Maximum length of a line, bytes. A longer line is returned unchanged.
 const LONGEST_LINE: u64 = 1 << 20;
-/// Number of rows from which the separation is found.
+/// Number of rows from which the kind of separation is detected.
 const COMPARED: usize = 50;
 
-/// Reader of a text whose columns have one sign as their separator. A text whose columns are separated by blanks is
+/// Reader of a text whose columns are separated by one character. A text whose columns are separated by blanks is
 /// converted.
 pub(super) type Columns<R> = TextReader<R, Spaced<R>>;
 
@@ -21,14 +21,14 @@ pub(super) type Columns<R> = TextReader<R, Spaced<R>>;
 pub(super) struct Spaced<R> {
     input: BufReader<Begun<R>>,
     layout: Layout,
-    /// Number of lines that were read.
+    /// Number of lines that were read so far.
     lines: usize,
 }
 
 /// Layout of a log whose columns are separated by blanks.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Layout {
-    /// Index of the line with the names.
+    /// Index of the line with the column names.
     names: usize,
     /// Number of columns of the log.
     width: usize,
@@ -38,7 +38,7 @@ struct Layout {
     blanks: usize,
 }
 
-/// Returns a reader of a text in UTF-8 whose columns have one sign as their separator.
+/// Returns a reader of a UTF-8 text whose columns are separated by one character.
 pub(super) fn columns<R: Read>(mut input: R) -> io::Result<Columns<R>> {
     let mut sample = Vec::new();
     input.by_ref().take(SAMPLE).read_to_end(&mut sample)?;
@@ -59,7 +59,7 @@ pub(super) fn columns<R: Read>(mut input: R) -> io::Result<Columns<R>> {
 }
 
 impl Layout {
-    /// Finds the layout of a log; `None` if its columns are separated in another way, or if no line has names.
+    /// Finds the layout of a log. `None` if the columns are not separated by blanks, or if no line has column names.
     fn of(lines: &[&str]) -> Option<Layout> {
         if head::names_at(lines).is_some() {
             return None;
@@ -69,7 +69,8 @@ impl Layout {
         found.reduce(|one, other| if other.1 > one.1 { other } else { one }).map(|(layout, _)| layout)
     }
 
-    /// Finds the names with this number of blanks between two columns. Also returns the number of rows that fit.
+    /// Finds the column names if at least `blanks` blanks are between two columns. Also returns the number of rows that
+    /// fit this layout.
     fn with(lines: &[&str], blanks: usize) -> Option<(Layout, usize)> {
         let tabbed: Vec<String> = lines.iter().map(|line| names(line, blanks).join("\t")).collect();
         let tabbed: Vec<&str> = tabbed.iter().map(String::as_str).collect();
@@ -104,7 +105,7 @@ impl Layout {
         whole.map(str::to_owned).collect()
     }
 
-    /// Returns the line with this index with tabs between its columns.
+    /// Returns the line with this index, with tabs between the columns.
     fn tabbed(&self, index: usize, line: &str) -> String {
         match index == self.names {
             true => names(line, self.blanks).join("\t"),
@@ -119,7 +120,7 @@ fn is_date(cell: &str) -> bool {
     marks == 2 && cell.starts_with(|first: char| first.is_ascii_digit())
 }
 
-/// Returns whether a cell names a half of the day.
+/// Returns whether a cell names a half of the day (AM or PM).
 fn is_half(cell: &str) -> bool {
     ["am", "pm", "a.m.", "p.m."].iter().any(|half| cell.eq_ignore_ascii_case(half))
 }
@@ -139,8 +140,8 @@ fn names(line: &str, blanks: usize) -> Vec<String> {
     found
 }
 
-/// Returns the cells of a line, with at least this number of blanks or a tab between them. Blanks inside quotes separate
-/// nothing.
+/// Returns the cells of a line. At least `blanks` blanks, or a tab, separate two cells. Blanks inside quotes do not
+/// separate cells.
 fn cells(line: &str, blanks: usize) -> Vec<&str> {
     let bytes = line.as_bytes();
     let (mut found, mut begin, mut is_quoted, mut at) = (Vec::new(), None, false, 0);

@@ -1,4 +1,4 @@
-//! Division of files into runs: one run for each file, or by a column or a gap.
+//! Division of log files into runs: one run for each file, or a new run at each change of a column or after a gap.
 
 use std::collections::HashMap;
 use std::ops::Range;
@@ -19,19 +19,19 @@ const MOST_RUNS: usize = 10_000;
 /// Settings for the division of log files into runs.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Split {
-    /// Column whose changes begin a new run.
+    /// Name of the column whose changes begin a new run; `None` if no column divides runs.
     pub column: Option<String>,
-    /// Time without a row after which a new run begins.
+    /// Time without a row after which a new run begins; `None` if gaps do not divide runs.
     pub gap: Option<Duration>,
     /// Time zone of times without an offset from UTC. Without a time zone, such times are rejected.
     pub zone: Option<TimeZone>,
-    /// Decimal mark of the numbers; `None` if the numbers decide.
+    /// Decimal mark of the numbers; `None` if it is detected from the numbers.
     pub decimal: Option<DecimalMark>,
-    /// Order of day and month in dates with slashes; `None` if the dates decide.
+    /// Order of day and month in dates with slashes; `None` if it is detected from the dates.
     pub dates: Option<DateOrder>,
-    /// Unit of times that are numbers; `None` if the name of the time column decides.
+    /// Unit of times that are numbers; `None` if the name of the time column states it.
     pub time_unit: Option<TimeUnit>,
-    /// Columns that are displacements, also if their names and units do not say so.
+    /// Names of columns that are displacements, even if their names and units do not show it.
     pub displacements: Vec<String>,
 }
 
@@ -39,9 +39,9 @@ pub struct Split {
 #[derive(Debug, Default)]
 pub(super) struct Divided {
     pub(super) runs: Vec<Run>,
-    /// Sentences about the values that were left out.
+    /// Remarks about the values that were left out.
     pub(super) remarks: Vec<String>,
-    /// Columns with too many of these values.
+    /// Columns with too many values that no sensor measured.
     pub(super) refused: Vec<Refusal>,
 }
 
@@ -174,7 +174,7 @@ fn run(table: &mut Table, names: &[String], name: String, rows: Range<usize>) ->
     Run { name, file: table.file.clone(), times: table.times[rows.clone()].to_vec(), values, origin }
 }
 
-/// Value in each log row of the column by which a log is divided into runs.
+/// Values of the column by which a log is divided into runs, one for each log row.
 enum Labels<'t> {
     Words(Vec<&'t str>),
     Numbers(&'t Series),

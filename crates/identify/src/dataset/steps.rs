@@ -1,19 +1,18 @@
-//! Steps of times that are numbers without a unit. Milliseconds must not be read as seconds.
+//! Check of times that are numbers without a unit, by the steps between them. Milliseconds must not be read as seconds.
 
 use super::BadLog;
 use isotherm_core::quantity::{Moment, TimeColumns, TimeUnit};
 use isotherm_profile::safe_file::quoted;
 
-/// Number of rows that are compared.
+/// Number of rows whose steps are compared.
 pub(super) const COMPARED: usize = 1000;
-/// Seconds since 1970 of the first number that is read as a date: that of 1980.
+/// Seconds since 1970 of the earliest number that is read as a date: the begin of 1980.
 const FIRST_DATE: f64 = 315_532_800.0;
-/// Step above which the rows of a log are hours apart, s.
+/// Step above which the rows of a log would be hours apart, s.
 const HOURS: f64 = 7200.0;
-/// Steps in seconds that loggers often use, although a log in milliseconds with one row per second has steps of similar
-/// size.
+/// Steps that loggers often use, s. A log in milliseconds with one row per second has steps of similar size.
 const USUAL: [f64; 3] = [1200.0, 1800.0, 3600.0];
-/// Number of rows that no person writes, so that their step is that of a logger.
+/// Minimum number of rows that no person writes by hand. The step between so many rows is the period of a logger.
 const OF_LOGGER: usize = 100;
 
 /// Returns whether a time that is a number counts from the start of the log. Otherwise, it is a date.
@@ -21,8 +20,8 @@ pub(super) fn is_count(time: Moment) -> bool {
     time.since(Moment::default()).as_secs_f64() < FIRST_DATE
 }
 
-/// Returns the step between times without a unit, s, if they may be milliseconds: the rows are hours apart, or all steps
-/// are thousands, or a logger has a step that is near one second in milliseconds. `None` if the times are seconds.
+/// Returns the step between times without a unit, s, if the times may be milliseconds. This is so if the rows are hours
+/// apart, if all steps are thousands, or if a logger's step is about 1000. `None` if the times are seconds.
 fn step_in_question(times: &[f64]) -> Option<f64> {
     if times.len() < 3 || times[0] >= FIRST_DATE {
         return None;
@@ -37,7 +36,8 @@ fn step_in_question(times: &[f64]) -> Option<f64> {
     (usual > HOURS || (steps.len() > 1 && steps.iter().all(is_thousands)) || is_of_logger).then_some(usual)
 }
 
-/// Returns the question about the unit of these times, which are seconds if no unit is stated; `None` if they are seconds.
+/// Returns a question to the operator about the unit of these times; `None` if they are certainly seconds. Times
+/// without a unit are read as seconds.
 pub(super) fn question(name: &str, times: &[f64]) -> Option<String> {
     let step = step_in_question(times)?;
     Some(format!(
@@ -46,10 +46,11 @@ pub(super) fn question(name: &str, times: &[f64]) -> Option<String> {
     ))
 }
 
-/// Checks the times in the first rows of a log, as texts. `names` are the names of its columns with their units.
+/// Checks the times in the first rows of a log, which are texts. `names` contains the column names of the log with
+/// their units.
 ///
 /// # Errors
-/// The unit of the times must be stated.
+/// The operator must state the unit of the times.
 pub(super) fn check(
     place: &str,
     (names, rows): (&[String], &[Vec<String>]),

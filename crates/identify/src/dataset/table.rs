@@ -1,4 +1,4 @@
-//! Table of one file, with its time and columns, before it is divided into runs.
+//! Table of one log file: time and columns, before the file is divided into runs.
 
 use std::collections::HashMap;
 use std::fmt::Display;
@@ -15,10 +15,9 @@ use isotherm_core::quantity::{
 use isotherm_profile::counted;
 use isotherm_profile::safe_file::quoted;
 
-/// Maximum number of rows of a file: those of seven months with one row per second. More rows would take too long to
-/// read.
+/// Maximum number of rows of a file: seven months with one row per second. Reading more rows would take too long.
 const MOST_ROWS: usize = 20_000_000;
-/// Maximum number of numbers of a file. They take at most 8 bytes each, 1.2 GB.
+/// Maximum count of numbers in a file. They take at most 8 bytes each, 1.2 GB.
 const MOST_NUMBERS: usize = 150_000_000;
 /// Number of rows of an unused log column from which its kind is guessed.
 const SAMPLED: usize = 1000;
@@ -29,8 +28,8 @@ const MOST_LISTED: usize = 20;
 /// name.
 pub type Units<'a> = &'a dyn Fn(&str) -> Option<&'static str>;
 
-/// Function that returns whether a column is used, by its name. Unused columns are not read completely, because a log
-/// may have hundreds of columns, of which a model requires ten.
+/// Function that returns whether the column of this name is used. Unused columns are not read completely: a log may
+/// have hundreds of columns, but a model requires about ten.
 pub type Uses<'a> = &'a dyn Fn(&str) -> bool;
 
 /// Selects all columns; for use as [`Uses`].
@@ -46,38 +45,38 @@ pub(super) struct Table {
     pub(super) times: Vec<Moment>,
     /// Line or row number of each row in the file.
     pub(super) lines: Numbering,
-    /// Word for a row in messages: line or row.
+    /// Word for a row in messages: "line" or "row".
     pub(super) row: &'static str,
     pub(super) columns: Vec<(String, Cells)>,
-    /// Unit of each column that states one in its header or cells, by the name of the column.
+    /// Unit of each column that has a unit in its header or cells. The key is the name of the column.
     pub(super) units: HashMap<String, String>,
-    /// Conversion of the values of each column that is not in the unit of the program.
+    /// Conversion of the values of each column whose unit differs from the unit that the program uses.
     pub(super) conversions: HashMap<String, Conversion>,
     /// Used columns without any number, with the reason.
     pub(super) lost: Vec<(String, String)>,
     /// Unused columns without any number, with the reason.
     pub(super) texts: Vec<(String, String)>,
-    /// Messages of a logger instead of values, by the name of the column.
+    /// Messages of a logger instead of values. The key is the name of the column.
     failed: HashMap<String, Messages>,
-    /// Words for values that are not available, such as `n/a`, by the name of the column.
+    /// Words for values that are not available, such as `n/a`. The key is the name of the column.
     unavailable: HashMap<String, Messages>,
     /// Names of the columns that contain the active Cz (Cz that acted during the measurement).
     pub(super) acted: Vec<String>,
-    /// Rows directly after a zero command, each with the axis of the command; `None` for all axes. Only a log of the
-    /// gateway contains them.
+    /// Rows directly after a zero command, each with the axis of the command; `None` for all axes. Only logs of the
+    /// gateway contain zero commands.
     pub(super) zeros: Vec<(usize, Option<String>)>,
-    /// Whether the machine was already on before the first row, as the log of a gateway says.
+    /// Whether the machine was already on before the first row, according to a gateway log.
     pub(super) continues: bool,
     pub(super) understood: Understood,
 }
 
-/// Properties of a file by which its times and numbers were read.
+/// Format of a log file, by which its times and numbers were read.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Understood {
-    /// Names of the columns with the time and with the date.
+    /// Name of the column with the time, and of the column with the date if there is one.
     pub(super) time: String,
     pub(super) date: Option<String>,
-    /// Form of the times.
+    /// Format of the times.
     pub(super) form: TimeForm,
     /// Unit of the times, if they are numbers.
     pub(super) unit: TimeUnit,
@@ -94,13 +93,14 @@ pub(super) struct Understood {
 pub(super) enum Cells {
     /// Numbers; NaN if missing.
     Numbers(Series),
-    /// Texts, for example names and states. Texts are stored only if they may divide runs or show when Cz was active.
+    /// Texts, for example names and states. A column is stored as text only if it may divide runs or show when Cz was
+    /// active.
     Text(Words),
     /// First numbers of an unused column, from which its kind is guessed.
     Unread(Series),
 }
 
-/// Line number of each row in its file. Only numbers that are not the number of the previous row plus one are stored.
+/// Line number of each row in its file. A line number is stored only if it is not the previous line number plus one.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Numbering {
     jumps: Vec<(usize, u64)>,
@@ -151,12 +151,12 @@ impl Table {
         self.failed.get(name).into_iter().flat_map(Messages::rows)
     }
 
-    /// Returns the rows of this column with a word for a value that is not available.
+    /// Returns the rows of this column that contain a word for a value that is not available.
     pub(super) fn unavailable_rows(&self, name: &str) -> impl Iterator<Item = usize> {
         self.unavailable.get(name).into_iter().flat_map(Messages::rows)
     }
 
-    /// Returns the word in this row of a column instead of a value; empty if there is none.
+    /// Returns the word that this row of a column contains instead of a value; empty if the row has a value.
     pub(super) fn word(&self, name: &str, row: usize) -> &str {
         let mut kinds = [&self.failed, &self.unavailable].into_iter();
         kinds.find_map(|words| words.get(name)?.of(row)).unwrap_or_default()
@@ -176,7 +176,7 @@ impl Table {
 struct Column {
     name: String,
     numbers: Series,
-    /// Texts, if they may be needed.
+    /// Texts of the column; `None` if they are not needed.
     words: Option<Words>,
     /// Whether at least one cell of the column was a number.
     has_numbers: bool,
@@ -189,7 +189,7 @@ struct Column {
     unavailable: Messages,
     /// Whether the column is used. Only the first cells of an unused column are read.
     is_used: bool,
-    /// Whether reading of the column has ended, because it is not needed or an error has been reported.
+    /// Whether reading of the column has ended, because no more cells are needed or because an error was reported.
     is_over: bool,
 }
 
@@ -199,24 +199,24 @@ pub(super) struct Reader {
     columns: Vec<Column>,
     /// Columns with the time of a row.
     time: TimeColumns,
-    /// Unit of the times that are numbers; `None` before the first row.
+    /// Unit of the times if they are numbers; `None` before the first row.
     unit: Option<TimeUnit>,
-    /// Form of the times. The first row decides between numbers and texts.
+    /// Format of the times. The first row decides between numbers and texts.
     form: TimeForm,
     /// Number of columns that are read completely, without the time.
     kept: usize,
     /// Word for a row in messages: line or row.
     row: &'static str,
     dialect: Dialect,
-    /// Row and message of the first invalid time, and the number of further ones.
+    /// Row and message of the first invalid time, and the number of further invalid times.
     untimed: Option<(u64, String, u64)>,
     listed: Vec<String>,
     unlisted: usize,
 }
 
 impl Reader {
-    /// Creates a reader; `None` if no column contains the time. `by` is the column that divides runs. `uses` selects
-    /// the columns. `stated` is the unit of times that are numbers, if the operator has stated it.
+    /// Creates a reader; `None` if no column contains the time. `by` is the column that divides the file into runs.
+    /// `uses` selects the columns. `stated` is the unit of times that are numbers, if the operator has stated it.
     pub(super) fn new(
         file: &Path,
         names: Vec<String>,
@@ -266,7 +266,7 @@ impl Reader {
         self.listed.push(format!("{}, {place}{column}: {message}", self.table.file.display()));
     }
 
-    /// Sets the form of the times, because the file declares it.
+    /// Sets the format of the times if the file declares it.
     #[cfg(feature = "parquet")]
     pub(super) fn declare_times(&mut self, form: TimeForm) {
         self.form = form;
@@ -282,7 +282,8 @@ impl Reader {
         self.time.date
     }
 
-    /// Learns the order of day and month, and what a mark before three digits means, from rows that are read later.
+    /// Detects the order of day and month, and whether a mark before three digits is a decimal mark, from rows that are
+    /// read later.
     pub(super) fn learn<'a>(&mut self, rows: impl Iterator<Item = Vec<&'a str>> + Clone) {
         let dated = self.time.date.unwrap_or(self.time.time);
         for cells in rows.clone() {
@@ -298,7 +299,7 @@ impl Reader {
         self.wants(place) > 0
     }
 
-    /// Returns how many more cells of this column must be read.
+    /// Returns the number of further cells of this column that must be read.
     pub(super) fn wants(&self, place: usize) -> usize {
         match self.columns.get(place) {
             Some(column) if column.is_over => 0,
@@ -308,7 +309,7 @@ impl Reader {
         }
     }
 
-    /// Number of columns that are read completely, without the time.
+    /// Returns the number of columns that are read completely, without the time.
     #[cfg(feature = "parquet")]
     pub(super) fn kept(&self) -> usize {
         self.kept
@@ -321,7 +322,7 @@ impl Reader {
         self.columns.get(place).is_some_and(|column| column.words.is_some())
     }
 
-    /// Marks a column whose cells are texts that nothing needs, so that they are not stored.
+    /// Marks a column as text that is not needed. Its cells are then not stored. `why` is the reason for the message.
     #[cfg(feature = "parquet")]
     pub(super) fn is_text(&mut self, place: usize, why: &str) {
         let column = &mut self.columns[place];
@@ -331,8 +332,8 @@ impl Reader {
         list.push((column.name.clone(), why.to_owned()));
     }
 
-    /// Begins a row with its time. Returns `false` if the time is invalid, and adds the error. Returns `Err` if the
-    /// file is too large.
+    /// Begins a row with its time. If the time is invalid, adds an error and returns `false`. Returns `Err` if the file
+    /// is too large.
     pub(super) fn begin(&mut self, number: u64, time: &str) -> Result<bool, TooMuch> {
         let rows = self.table.times.len();
         if rows >= MOST_ROWS || rows.saturating_mul(self.kept) >= MOST_NUMBERS {
@@ -415,7 +416,7 @@ impl Reader {
         }
     }
 
-    /// Ends the reading of a column with an error.
+    /// Stops reading a column because of an error.
     fn end_column(&mut self, place: usize, number: u64, message: impl Display) {
         let name = std::mem::take(&mut self.columns[place].name);
         self.refuse(number, Some(&name), message);
@@ -436,7 +437,8 @@ impl Reader {
         }
     }
 
-    /// Returns whether the times are numbers that are read as seconds, although nothing states their unit.
+    /// Returns whether the times are numbers that are read as seconds, although neither the file nor the operator
+    /// states their unit.
     fn assumes_seconds(&self) -> bool {
         self.form == TimeForm::Numbers && !self.time.is_stated && self.unit == Some(TimeUnit::Seconds)
     }
@@ -485,8 +487,8 @@ impl Reader {
         }
         if self.listed.is_empty() {
             for column in active_cz::keep_what_acted(&mut self.table) {
-                let message = "no row has a verified register value, so the Cz that acted is not known: \
-                               leave this log out";
+                let message =
+                    "no row has a verified register value, so the active Cz is not known: leave this log out";
                 self.refuse_at(&format!("every {}", self.row), Some(&column), message);
             }
         }
@@ -553,12 +555,12 @@ impl Reader {
     }
 }
 
-/// Error: the file is larger than allowed. The reader has already added the message.
+/// Error: the file is larger than allowed. The reader has already added a message about it.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct TooMuch;
 
 impl Column {
-    /// Converts a value with this unit, which may be empty. All cells of a column must have the same unit.
+    /// Converts a value from the unit `unit`, which may be empty. All cells of a column must have the same unit.
     fn with_unit(&mut self, value: f64, unit: &str) -> Result<f64, String> {
         if !unit.is_empty() && self.unit.is_empty() {
             let conversion = Conversion::of(&self.name, unit);

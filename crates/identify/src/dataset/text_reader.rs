@@ -2,12 +2,12 @@
 
 use std::io::{self, Chain, Cursor, Read};
 
-/// Input whose first bytes were read to find out how to convert it.
+/// Input whose first bytes were already read to decide about the conversion.
 pub(super) type Begun<R> = Chain<Cursor<Vec<u8>>, R>;
 
-/// Reader of a text, converted by `C` if that is necessary.
+/// Reader of a text that converts the text with `C` if that is necessary.
 pub(super) enum TextReader<R, C> {
-    /// The input is returned as it is.
+    /// The input is returned unchanged.
     Plain(Begun<R>),
     /// The input is converted.
     Converted(Box<Parts<C>>),
@@ -23,7 +23,7 @@ pub(super) trait Convert {
 /// Converted parts of a text.
 pub(super) struct Parts<C> {
     converter: C,
-    /// Current part. Its bytes from `at` on were not returned yet.
+    /// Current part of the converted text. The bytes from `at` onwards were not returned yet.
     text: Vec<u8>,
     at: usize,
     is_over: bool,

@@ -1,4 +1,5 @@
-//! Long logs: each row has the time, the name of a sensor, and its value. They become logs with a column for each sensor.
+//! Reader of logs in long format, in which each row has the time, the name of a sensor, and its value. Such a log
+//! becomes a table with one column for each sensor.
 
 use std::collections::HashMap;
 use std::io::Read;
@@ -11,10 +12,10 @@ use super::{BadLog, Split, Uses};
 use isotherm_core::quantity::{Dialect, TimeColumns, name_and_unit, with_date};
 use isotherm_profile::safe_file::{Lines, quoted};
 
-/// Maximum number of values of a long log. They are kept as texts until all sensors are known.
+/// Maximum number of values of a log in long format. They are stored as texts until all sensors are known.
 const MOST_VALUES: usize = 5_000_000;
 
-/// Names of a column with the names of the sensors.
+/// Possible names of the column that contains the sensor names.
 const SENSORS: [&str; 16] = [
     "sensor",
     "sensors",
@@ -33,12 +34,12 @@ const SENSORS: [&str; 16] = [
     "measurement",
     "_field",
 ];
-/// Names of a column with the values.
+/// Possible names of the column that contains the values.
 const VALUES: [&str; 6] = ["value", "values", "wert", "messwert", "reading", "_value"];
-/// Names of a column with the units.
+/// Possible names of the column that contains the units.
 const UNITS: [&str; 4] = ["unit", "units", "einheit", "uom"];
 
-/// Columns of a long log.
+/// Indices of the columns of a log in long format.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Tidy {
     times: TimeColumns,
@@ -48,7 +49,8 @@ pub(super) struct Tidy {
 }
 
 impl Tidy {
-    /// Finds the columns; `None` if the log is not long. A column that divides runs has no names of sensors.
+    /// Finds the columns of a log in long format; `None` if the log has another format. A column that divides runs does
+    /// not count as the column of the sensor names.
     pub(super) fn find(names: &[String], split: &Split) -> Option<Tidy> {
         let place = |known: &[&str]| {
             names.iter().position(|name| known.contains(&name_and_unit(name).0.to_lowercase().as_str()))
@@ -130,12 +132,12 @@ impl Tidy {
     }
 }
 
-/// Rows of a long log, with the cells of one time in one row.
+/// Rows of a log in long format. The values of one time are in one row.
 #[derive(Debug, Default)]
 struct Long {
     /// Names of the sensors with their units, in the order of their first occurrence.
     headers: Vec<String>,
-    /// Column of each sensor, by its name; 1 is the first of `headers`.
+    /// Number of the column of each sensor; 1 is the first of `headers`. The key is the name of the sensor.
     places: HashMap<String, usize>,
     rows: Vec<Row>,
     by_time: HashMap<Box<str>, usize>,
@@ -195,8 +197,8 @@ impl Long {
         Ok(())
     }
 
-    /// Sorts the cells of each row by their places. Returns the line of a second value of one sensor at one time, and a
-    /// message.
+    /// Sorts the cells of each row by their columns. If a sensor has two values at one time, returns the line of the
+    /// second value and a message.
     fn sort(&mut self) -> Result<(), (u64, String)> {
         for row in &mut self.rows {
             row.cells.sort_by_key(|cell| (cell.place, cell.line));

@@ -1,6 +1,6 @@
-//! Form of the times in a file.
+//! Format of the times in a log file.
 
-/// Form of the times in a file.
+/// Format of the times in a log file.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(not(feature = "parquet"), allow(dead_code, reason = "only Parquet declares its times"))]
 pub(super) enum TimeForm {
@@ -11,14 +11,14 @@ pub(super) enum TimeForm {
     Texts,
     /// Time stamps in UTC.
     StampsInUtc,
-    /// Time stamps by the wall clock of the time zone.
+    /// Time stamps in local wall-clock time.
     WallStamps,
     /// Times of day without a date.
     TimesOfDay,
 }
 
 impl TimeForm {
-    /// Returns whether this time is a number or a text.
+    /// Returns the format of this time: number or text.
     pub(super) fn of(time: &str) -> TimeForm {
         match time.trim().replace(',', ".").parse::<f64>() {
             Ok(_) => TimeForm::Numbers,

@@ -21,7 +21,7 @@ pub(super) fn of_profile(name: &str, unit: &str) -> Option<&'static str> {
     })
 }
 
-/// Returns whether two units in a column of this name are the same, so that its values may have both.
+/// Returns whether two units mean the same in a column of this name. The values of the column may then have both units.
 pub(super) fn are_alike(name: &str, unit: &str, other: &str) -> bool {
     // All units of other quantities have one word.
     let word = of_profile(name, unit).filter(|word| *word != "percent");

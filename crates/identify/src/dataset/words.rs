@@ -1,4 +1,4 @@
-//! Texts of a column: those that divide runs, and the words that stand instead of values.
+//! Texts of a log column: labels that divide runs, and words instead of values.
 
 use std::collections::HashMap;
 
@@ -19,12 +19,12 @@ impl Words {
         self.places.iter().map(|place| self.words[*place as usize].as_str())
     }
 
-    /// Returns the text at this place in the order of the rows.
+    /// Returns the text of the row with the index `place`.
     fn at(&self, place: usize) -> Option<&str> {
         self.words.get(*self.places.get(place)? as usize).map(String::as_str)
     }
 
-    /// Adds the first text once more. Returns `false` if there is no text yet.
+    /// Adds the text of the first row for one more row. Returns `false` if there is no text yet.
     fn repeat_first(&mut self) -> bool {
         let has_words = !self.words.is_empty();
         if has_words {
@@ -60,7 +60,7 @@ pub(super) struct Messages {
 }
 
 impl Messages {
-    /// Adds the word in a row, which is not before the rows so far.
+    /// Adds the word of a row. The rows must be added in ascending order.
     pub(super) fn push(&mut self, row: usize, text: &str) {
         // The number of rows is limited to that of a table. Further words are as the first one.
         if let Ok(row) = u32::try_from(row)
@@ -75,7 +75,7 @@ impl Messages {
         self.rows.iter().map(|row| *row as usize)
     }
 
-    /// Returns the word in this row; `None` if it has a value.
+    /// Returns the word in this row; `None` if the row has a value.
     pub(super) fn of(&self, row: usize) -> Option<&str> {
         let place = self.rows.binary_search(&u32::try_from(row).ok()?).ok()?;
         self.words.at(place)

@@ -1,10 +1,11 @@
-//! Logs in workbooks of spreadsheets (.xlsx). The sheet with a time column becomes CSV, and is read as such.
+//! Logs in workbooks of spreadsheets (.xlsx). The sheet with a time column is converted to CSV, and read like a CSV
+//! log.
 //!
 //! ```text
 //! zip: sizes of the parts ── within the limits? ── cells of each sheet ── CSV with tabs ── the sheet with a time column
 //! ```
-//! A file of some kilobytes can decompress to gigabytes. Therefore every part is decompressed once, and discarded, before
-//! the library reads it. The library may panic, so the file is read in a way that catches panics.
+//! A file of some kilobytes can decompress to gigabytes. Therefore every part is decompressed once for a check of its
+//! size, before the library reads the file. The library may panic, so panics are caught while the file is read.
 
 use std::io::Cursor;
 use std::path::Path;
@@ -23,7 +24,7 @@ mod zip;
 const LARGEST: u64 = 64 << 20;
 /// Maximum size of a sheet as CSV, bytes.
 const LARGEST_SHEET: usize = 160_000_000;
-/// Numbers of rows and columns that a sheet may have.
+/// Maximum number of rows and of columns of a sheet.
 const MOST_ROWS: u32 = 1 << 20;
 const MOST_COLUMNS: u32 = 1 << 14;
 
@@ -74,11 +75,11 @@ fn log_of(bytes: Vec<u8>, stated: Option<DecimalMark>) -> Result<Vec<u8>, String
     }
 }
 
-/// Text with a number that can be read in two ways, and its row.
+/// Row and text of a number that can be read in two ways.
 type Unclear = (u32, String);
 
-/// Returns the cells of a sheet as CSV with tabs. Each row of the sheet is one line. Also returns the last text that is a
-/// number with two readings, if no decimal mark was stated.
+/// Returns the cells of a sheet as CSV with tabs. Each row of the sheet is one line. If no decimal mark was stated,
+/// also returns the last text whose comma may be a decimal mark or separate thousands.
 fn sheet(
     book: &mut Xlsx<Cursor<Vec<u8>>>,
     name: &str,
@@ -101,20 +102,21 @@ fn sheet(
     Ok((lines.text, unclear))
 }
 
-/// CSV that is being written.
+/// CSV text of a sheet while it is written.
 #[derive(Debug, Default)]
 struct Lines {
     text: Vec<u8>,
     row: u32,
     column: u32,
-    /// Whether the current row has a cell.
+    /// Whether the current row has a cell already.
     has_cells: bool,
-    /// Number of the last column of any row so far. Rows end there, although their last cells may be missing.
+    /// Number of the last column in all rows so far. Each row is filled up to this column, because its last cells may
+    /// be missing.
     widest: u32,
 }
 
 impl Lines {
-    /// Goes to the place of the next cell. Rows and columns are counted from zero.
+    /// Moves to the position of the next cell. Rows and columns are counted from zero.
     fn go_to(&mut self, (row, column): (u32, u32)) -> Result<(), String> {
         if row >= MOST_ROWS || column >= MOST_COLUMNS {
             return Err(format!("more than {MOST_ROWS} rows or {MOST_COLUMNS} columns"));
@@ -149,7 +151,7 @@ impl Lines {
     }
 }
 
-/// Returns a cell as it is written in CSV with this decimal mark.
+/// Returns the value of a cell as CSV text with the decimal mark `mark`.
 fn text(value: &DataRef<'_>, mark: DecimalMark) -> String {
     match value {
         DataRef::Empty => String::new(),
@@ -165,7 +167,8 @@ fn text(value: &DataRef<'_>, mark: DecimalMark) -> String {
     }
 }
 
-/// Returns whether a text is a number whose comma is a decimal mark or separates thousands: `1,020`, `21,250 °C`.
+/// Returns whether a text is a number with a comma that may be a decimal mark or separate thousands, as in `1,020` or
+/// `21,250 °C`.
 fn has_two_readings(text: &str) -> bool {
     let number = text.trim_start_matches(['"', '+', '-', ' ']);
     let end = number.find(|sign: char| !sign.is_ascii_digit() && !matches!(sign, ',' | '.'));
@@ -188,7 +191,7 @@ fn quoted(text: &str) -> String {
     }
 }
 
-/// Returns a date and time, or a time of a day or since a start, as text.
+/// Returns as text a date and time, a time of day, or a duration since a start.
 fn date_text(date: &ExcelDateTime) -> String {
     let days = date.as_f64();
     if (0.0..10_000.0).contains(&days) && (date.is_duration() || days < 1.0) {

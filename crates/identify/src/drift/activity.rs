@@ -7,11 +7,11 @@ use crate::dataset::{Column, Dataset, Kind, Run, Units};
 use crate::minutes::Minutes;
 use crate::statistics::median;
 
-/// Value below which a speed (1/min) or path (mm or degrees) is a standstill.
+/// Value below which a speed (1/min) or the travel in a minute (mm or degrees) counts as a standstill.
 const STILL: f64 = 1.0;
-/// Maximum difference of speeds within a stage, as a share of the fastest speed.
+/// Maximum difference of the speeds within one stage, as a share of the highest speed.
 const ONE_SPEED: f64 = 0.02;
-/// Minimum duration of a stage, s. A shorter one is the change from one speed to the next.
+/// Minimum duration of a stage, s. A shorter period is only the change from one speed to the next.
 const SHORTEST_STAGE: f64 = 150.0;
 
 /// Period of a run with one constant speed, with movement of a position, or without movement.
@@ -25,7 +25,7 @@ pub struct Stage {
     pub to_h: f64,
     /// Mean speed in the unit of its log column; `None` if the column is a position.
     pub speed: Option<f64>,
-    /// Whether something turned or moved.
+    /// Whether a spindle turned or an axis moved in this stage.
     pub moves: bool,
 }
 

@@ -1,5 +1,5 @@
-//! Repair of faults. A fault affects one run of a sensor. The readings of its rows are replaced if the good runs show
-//! that this is possible.
+//! Repair of faults. A fault affects the readings of a sensor in one run. The readings in the faulty rows are replaced
+//! if the good runs show that this is possible.
 //!
 //! - Spikes are replaced by straight lines.
 //! - After a permanent jump, the step is subtracted from the readings. Its size follows from the neighbours and the
@@ -25,7 +25,7 @@ use crate::dataset::{Dataset, Run};
 use crate::statistics::count;
 
 /// Largest accepted error of readings that are rebuilt from other sensors, as a share of the root mean square by which
-/// the readings of the sensor change. The error is measured on hidden hours of good runs.
+/// the readings of the sensor change. The error is measured on hours of good runs that are hidden from the repair.
 const LARGEST_ERROR: f64 = 0.8;
 /// Maximum number of jumps in one run. A sensor with more jumps has a loose contact.
 const MOST_JUMPS: usize = 3;
@@ -37,7 +37,7 @@ const LEFT_OF_RUN: f64 = 0.25;
 /// Minimum share of a run's rows that masks must leave if nothing can be rebuilt. Otherwise the sensor is left out.
 const LEAST_OF_RUN: f64 = 0.05;
 
-/// Logs as recorded, and the faults that are repaired in them.
+/// Logs as recorded, with the faults in them that are repaired.
 #[derive(Clone, Debug)]
 pub(crate) struct Mending<'a> {
     logs: &'a Dataset,
@@ -55,10 +55,11 @@ pub(crate) struct Mended<'a> {
     pub(crate) repaired: Vec<Repaired>,
 }
 
-/// Description of the repair of a fault; `None` if no rebuilt readings are accepted.
+/// Description of how a fault was repaired; `None` if the rebuilt readings are not accepted.
 type Done = Option<String>;
 
-/// Finds the faults of the sensors in these log columns, and repairs those faults and freezes that can be repaired.
+/// Finds the faults of the sensors in these log columns. Repairs these faults, and the freezes in `frozen`, if
+/// possible.
 pub(crate) fn mend<'a>(logs: &'a Dataset, columns: &[usize], frozen: &[Frozen]) -> Mended<'a> {
     let frozen: Vec<Frozen> =
         frozen.iter().copied().filter(|frozen| columns.contains(&frozen.column)).collect();
@@ -179,7 +180,7 @@ impl Mending<'_> {
         self.faults.iter().filter(is_masked).flat_map(|fault| fault.rows.iter().copied()).collect()
     }
 
-    /// Returns the logs, repaired without the data of this run; `None` if no repair uses this run.
+    /// Returns the logs, repaired without data from this run; `None` if no repair uses this run.
     pub(crate) fn never_saw(&self, run: usize) -> Option<Dataset> {
         let needs = |fault: &Fault| {
             fault.run != Some(run) && !matches!(fault.damage, Damage::Spikes | Damage::Missing)
@@ -219,7 +220,7 @@ impl Mending<'_> {
         (dataset, done)
     }
 
-    /// Returns the repaired column of a run; `None` if no rebuilt readings are accepted.
+    /// Returns the repaired column of a run; `None` if the rebuilt readings are not accepted.
     fn replaced(
         &self,
         dataset: &Dataset,

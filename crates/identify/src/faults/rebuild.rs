@@ -1,10 +1,12 @@
-//! Rebuilds the readings of a sensor from its neighbours.
+//! Rebuilds the readings of a faulty sensor from other sensors, its neighbours.
 //!
-//! The reading is a sum of the neighbours' readings, with and without lags. The gains of this sum are fitted by ridge
-//! regression on the donors and on the good rows of the same run. Donors are the runs in which the sensor and its
-//! neighbours were good. The error of the sum is measured: the same hours are hidden in each donor in turn and rebuilt
-//! from the rest. The lags and the ridge with the smallest error are chosen. The rebuilt readings are shifted so that
-//! they join the good readings at both ends.
+//! The rebuilt reading is a sum of the neighbours' readings, with and without lags. Ridge regression fits the gains of
+//! this sum on the donors and on the good rows of the same run. Donors are the runs in which the sensor and its
+//! neighbours were good.
+//!
+//! The error of the sum is measured: the same hours are hidden in each donor in turn and rebuilt from the rest. The
+//! lags and the ridge penalty with the smallest error are chosen. The rebuilt readings are shifted so that they join
+//! the good readings at both ends.
 
 use std::ops::Range;
 
@@ -18,13 +20,13 @@ use crate::statistics::{count, median};
 /// Time constants of the neighbours' lags, s.
 const LAGS: [f64; 4] = [180.0, 720.0, 3000.0, 12_000.0];
 const RIDGES: [f64; 4] = [1e-2, 1e-3, 1e-4, 1e-5];
-/// Ridge for the correction of a step. Its value has little effect, because the window is short.
+/// Ridge penalty for the correction of a step. Its value has little effect, because the window is short.
 const STEP_RIDGE: f64 = 1e-3;
 /// Time next to each end of the rebuilt readings over which the residuals of the prediction are averaged, s.
 const TIE: f64 = 300.0;
 /// Lengths of the windows before and after a step whose mean readings are compared, min.
 const WINDOWS: [usize; 4] = [1, 3, 10, 30];
-/// Time between rows of the good runs that are used, s.
+/// Time between two used rows of the good runs, s.
 const THIN: f64 = 60.0;
 /// Minutes between the points of the good runs at which a step is estimated to measure the error of the estimate. The
 /// true step is zero at these points.
@@ -165,14 +167,14 @@ impl Likeness<'_> {
         Some(Replaced { values, message, error })
     }
 
-    /// Returns how much the readings change in the good runs, °C: root mean square of each reading minus the mean of
-    /// its run.
+    /// Returns how much the readings change in the good runs, °C. The result is the root mean square of the readings
+    /// after subtraction of the mean of their run.
     pub(super) fn moves(&self) -> f64 {
         let all = Gram::total(&self.grams);
         (all.power / all.rows.max(1.0)).sqrt()
     }
 
-    /// Returns the rows of a run that are at least `apart` seconds apart.
+    /// Returns rows of a run that are at least `apart` seconds apart, as features and readings.
     fn table(&self, run: usize, apart: f64) -> Table {
         let run = &self.dataset.runs[run];
         let seconds: Vec<f64> = run.seconds().collect();
@@ -223,7 +225,7 @@ impl Table {
         before(from)..before(to)
     }
 
-    /// Returns each reading minus the prediction of the neighbours.
+    /// Returns each reading minus its prediction from the neighbours.
     fn left(&self, columns: &[usize], gains: &DVector<f64>) -> Vec<f64> {
         let mut left = DVector::from_column_slice(&self.values);
         for (column, gain) in columns.iter().zip(gains.iter()) {
@@ -263,8 +265,8 @@ impl Table {
 }
 
 /// Returns the step of a reading at this log row; `None` if it cannot be computed. With a window, the step is the
-/// difference of the mean residuals after and before the row. Without one, it is the change of the reading minus the
-/// usual slope around it.
+/// difference of the mean residuals after and before the row. Without a window, it is the change of the reading minus
+/// the usual slope around the row.
 fn step_at(left: &[f64], values: &[f64], at: usize, window: Option<usize>) -> Option<f64> {
     let mean = |rows: &[f64]| {
         let finite = rows.iter().filter(|value| value.is_finite());

@@ -1,21 +1,21 @@
 //! Periods of constant readings of a sensor in a run, and how each of them ends.
 //!
-//! The reading of a sensor at thermal equilibrium is constant, and so is that of a frozen sensor. The end of the period
-//! distinguishes them. The next reading of a good sensor differs by one or two counts. The next reading of a frozen
-//! sensor differs by the whole change that it missed.
+//! A sensor at thermal equilibrium has a constant reading, and a frozen sensor has one, too. The end of the constant
+//! period distinguishes the two cases. The next reading of a good sensor differs by one or two counts. The next reading
+//! of a frozen sensor differs by the whole change that it missed.
 
 use crate::dataset::Run;
 use crate::statistics::median;
 
 /// Minimum duration of constant readings, s.
 const LEAST: f64 = 180.0;
-/// Maximum time between two consecutive readings, as a multiple of the median time.
+/// Maximum time between two consecutive readings, as a multiple of the median time between them.
 const FOLLOWS: f64 = 2.0;
 /// Longest time over which one log row may be averaged, s. Such a row may contain readings from before and after a
 /// step, so that the next row has a part of the step, too.
 const MEAN: f64 = 60.0;
 
-/// Constant readings for at least three minutes.
+/// Period of at least three minutes with constant readings.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Standstill {
     /// First log row with the constant value.
@@ -37,7 +37,7 @@ pub(crate) enum End {
     Step {
         /// Log row of the next reading, which has another value.
         row: usize,
-        /// Absolute difference to the constant value.
+        /// Absolute difference between the next reading and the constant value, °C.
         size: f64,
     },
     /// The next readings are missing, so the end is unknown.
@@ -50,7 +50,7 @@ pub(crate) enum End {
 struct Readings {
     /// Time of each row, s since the run's first row.
     seconds: Vec<f64>,
-    /// Log rows with a reading.
+    /// Log rows in which the sensor has a reading.
     good: Vec<usize>,
     /// Maximum time between consecutive readings, s.
     apart: f64,

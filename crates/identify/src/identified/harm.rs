@@ -1,17 +1,17 @@
-//! Models that are worse than no compensation on too many held-out runs: such a model is refused, or a warning is
-//! added.
+//! Detection of models that are worse than no compensation on too many held-out runs. Such a model is rejected, or a
+//! warning is added.
 
 use super::{Fallback, Identified};
 use crate::validate::Means;
 
 /// Largest permitted share of held-out runs that are worse with the model than without compensation.
 const MOST_WORSE: f64 = 1.0 / 3.0;
-/// Minimum number of held-out runs for a refusal. With fewer runs there is only a warning.
+/// Minimum number of held-out runs with which a model may be rejected. With fewer runs, only a warning is added.
 const ENOUGH_RUNS: usize = 6;
 
 impl Identified {
-    /// Returns why the model should not be written to the profile, and what to do. `None` if it may be written, or if
-    /// there is no model.
+    /// Returns the reason why the model should not be written to the profile, and what to do. `None` if the model may
+    /// be written, or if there is no model.
     pub fn refusal(&self) -> Option<String> {
         let means = self.unprobed();
         let is_refused = self.is_assessed() && is_harmful(&means) && !self.learned.inputs().is_empty();
@@ -25,7 +25,7 @@ impl Identified {
     }
 
     /// Removes the models for lost sensors that are worse than no compensation on too many runs. Also returns a message
-    /// about each of them.
+    /// about each removed model.
     #[must_use]
     pub fn without_harmful_fallbacks(mut self) -> (Identified, Vec<String>) {
         if !self.is_assessed() {
@@ -41,7 +41,7 @@ impl Identified {
         (self, sentences)
     }
 
-    /// Returns a warning about each harmful model, if there are too few runs to refuse it.
+    /// Returns a warning about each harmful model if there are too few runs to reject it.
     pub(super) fn warnings(&self) -> Vec<String> {
         if self.is_assessed() {
             return Vec::new();
@@ -61,7 +61,7 @@ impl Identified {
         harmful.map(warning).collect()
     }
 
-    /// Returns whether there are enough held-out runs to refuse a model.
+    /// Returns whether there are enough held-out runs to reject a model.
     fn is_assessed(&self) -> bool {
         self.runs.len() >= ENOUGH_RUNS
     }

@@ -1,4 +1,4 @@
-//! Replacement of a lost sensor: its virtual sensor, or a model without it.
+//! Replacement of a lost sensor: a virtual sensor, or a fallback model without the lost sensor.
 
 use serde::Serialize;
 
@@ -44,7 +44,8 @@ impl Fallback {
     }
 }
 
-/// Returns fallbacks for the loss of each input of the model, best first. The fallbacks use only inputs of `among`.
+/// Returns fallback models for the loss of each input of the model, the best first. The fallback models use only inputs
+/// in `among`.
 pub(super) fn fallbacks(
     campaign: &Campaign<'_>,
     learner: &dyn Learner,
@@ -68,7 +69,8 @@ pub(super) fn fallbacks(
     Ok(found)
 }
 
-/// Returns a fallback for each lost input. An input has none if the method cannot identify a model without it.
+/// Returns a fallback model for each lost input. An input has no fallback model if the method cannot identify a model
+/// without it.
 fn without_each(
     campaign: &Campaign<'_>,
     learner: &dyn Learner,
@@ -102,8 +104,8 @@ fn without_each(
     fallbacks.collect()
 }
 
-/// Chooses between virtual sensor and fallback for each sensor. The virtual sensor is used if it depends on at least
-/// two other sensors, and if no model without the sensor has a smaller residual error.
+/// Chooses between virtual sensor and fallback model for each sensor. The virtual sensor is used if it depends on at
+/// least two other sensors, and no fallback model has a smaller residual error.
 pub(super) fn keep_the_better(stand_ins: &mut [StandIn], fallbacks: &mut Vec<Fallback>) {
     for stand_in in stand_ins {
         let is_for_it = |fallback: &Fallback| fallback.without == stand_in.signal;

@@ -1,9 +1,9 @@
-//! Fallback of a `difference` model after the loss of one sensor: the other sensor with the time t since machine start,
-//! JP H07-61598 B2: Cz = F(T, t).
+//! Fallback model of a `difference` model after the loss of one of its two sensors. The formula Cz = F(T, t) uses the
+//! remaining sensor and the time t since machine start (JP H07-61598 B2).
 //!
 //! `Kz·A + f1(t)` with `f1(t) = −Kz·(b·t + c)`: after two or three hours B rises in nearly a straight line. `−Kz·B +
 //! f2(t)` with `f2(t) = Kz·(K·√t + c)`: A rises with the root of the time. Kz is the gain of the difference. b, c and K
-//! are fitted by least squares to the temperatures themselves, as in the patent. No rises are used.
+//! are fitted by least squares to the temperatures themselves, as in the patent, not to their rises.
 
 use nalgebra::{Matrix2, Vector2};
 use serde::Serialize;
@@ -46,10 +46,10 @@ const FIRST: Side =
 const SECOND: Side =
     Side { sign: -1.0, formula: "Kz * (K*sqrt(t) + c - B)", symbol: "B", slope: "K", of_time: f64::sqrt };
 
-/// Temperature, time since machine start in seconds, and Cz that would leave no error, row by row.
+/// Temperature, time since machine start in s, and the Cz that would leave no error, µm; one tuple for each row.
 type Rows = Vec<(f64, f64, f64)>;
 
-/// Returns the fallbacks for the loss of either sensor; empty if the model is no difference.
+/// Returns fallback models for the loss of either sensor; empty if the model is not a difference of two sensors.
 pub(super) fn alone(
     campaign: &Campaign<'_>,
     bank: &Bank,
@@ -60,7 +60,7 @@ pub(super) fn alone(
     [FIRST, SECOND].iter().filter_map(one).collect()
 }
 
-/// Returns the gain Kz and the inputs A and B; `None` if the model is no difference.
+/// Returns the gain Kz and the indices of the inputs A and B; `None` if the model is not a difference of two sensors.
 fn pair(learned: &Learned) -> Option<(f64, usize, usize)> {
     match learned.sum()? {
         [(first, gain), (second, _)] if gain.abs() > 0.0 => Some((*gain, first.input, second.input)),
@@ -124,7 +124,8 @@ fn rows(campaign: &Campaign<'_>, run: usize, input: usize) -> Rows {
 }
 
 impl Side {
-    /// Returns slope and constant of the estimated temperature of the lost sensor; `None` if they cannot be computed.
+    /// Returns slope and constant of the line that estimates the temperature of the lost sensor; `None` if they cannot
+    /// be computed.
     fn line<'a>(&self, runs: impl Iterator<Item = &'a Rows>, gain: f64) -> Option<(f64, f64)> {
         let (mut square, mut cross) = (Matrix2::zeros(), Vector2::zeros());
         for (temperature, seconds, target) in runs.flatten() {

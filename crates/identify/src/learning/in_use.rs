@@ -1,4 +1,4 @@
-//! Model in use of an axis, as far as it can be compared with a candidate.
+//! Model in use of an axis, in the form in which it is compared with a candidate.
 
 use crate::fleet::FleetModel;
 use crate::method::PriorTerm;
@@ -7,7 +7,7 @@ use isotherm_core::compensation::settings::AxisSettings;
 use isotherm_core::compensation::{LearnedModel, LearnedTerm};
 use isotherm_profile::{Profile, sha256};
 
-/// Model in use, as far as it can be compared with a candidate.
+/// Model in use of an axis, in the form in which it is compared with a candidate.
 #[derive(Clone, Debug, PartialEq)]
 pub struct InUse {
     pub(super) terms: Vec<PriorTerm>,
@@ -18,7 +18,7 @@ impl InUse {
     /// Returns the first model of an axis. An axis without a model has no term.
     ///
     /// # Errors
-    /// The model is no sum of terms. The message says so.
+    /// The model is not a sum of terms.
     pub fn of(profile: &Profile, axis: &str) -> Result<InUse, String> {
         let Some(model) = settings(profile, axis).and_then(|own| own.own_models().first()) else {
             return Ok(InUse { terms: Vec::new(), expected: None });
@@ -41,7 +41,7 @@ impl InUse {
         Ok(InUse { terms: terms.iter().filter_map(term).collect(), expected: model.expected })
     }
 
-    /// Returns a candidate as the model in use. The expected error stays that of the model before it.
+    /// Returns a candidate as the model in use. The expected error of the previous model is kept.
     #[must_use]
     pub fn replaced_by(&self, candidate: &FleetModel) -> InUse {
         InUse { terms: candidate.prior(), expected: self.expected }
@@ -60,13 +60,13 @@ impl InUse {
         }
     }
 
-    /// Returns a text by which the model is recognised. Terms without an effect do not change it.
+    /// Returns a text that identifies the model. Terms without an effect do not change the text.
     pub(super) fn fingerprint(&self) -> String {
         fingerprint(&self.terms)
     }
 }
 
-/// Returns a text by which a model is recognised. Terms without an effect do not change it.
+/// Returns a text that identifies a model. Terms without an effect do not change the text.
 pub(super) fn fingerprint(terms: &[PriorTerm]) -> String {
     let effective: Vec<&PriorTerm> = terms.iter().filter(|term| term.gain.abs() > 0.0).collect();
     sha256(format!("{effective:?}").as_bytes())

@@ -1,4 +1,4 @@
-//! Rows of one run with a model: residual errors, and the touches that are used.
+//! Rows of one run with the Cz of a model: residual errors, and the touches that are used.
 
 use super::doubt::accepted;
 use super::in_use::{InUse, settings};
@@ -53,13 +53,13 @@ pub fn rows(
     Ok(ModelRows { hours, error, cz })
 }
 
-/// Touches of one run, with the model that judged them.
+/// Touches of one run, as accepted or rejected by a model.
 pub(super) struct JudgedTouches {
-    /// Numbers of the averaging windows of touches that are left out.
+    /// Numbers of the averaging windows that contain the rejected touches.
     pub(super) rejected: Vec<u128>,
     /// Number of all touches, including those that are left out.
     all: usize,
-    /// Mean square of the residual error with the model in use, µm²; `None` without a model in use to compare.
+    /// Mean square of the residual error with the model in use, µm²; `None` if no model is in use.
     pub(super) left: Option<f64>,
     error: usize,
 }
@@ -83,7 +83,7 @@ impl JudgedTouches {
     }
 }
 
-/// Judges the touches of a single run by the model in use, or by the candidate if there is no model to compare.
+/// Accepts or rejects the touches of a single run by the model in use. If no model is in use, the candidate is used.
 pub(super) fn touches(
     profile: &Profile,
     single: &Dataset,
@@ -138,7 +138,7 @@ pub(super) fn touches(
     Ok(JudgedTouches { rejected, all, left, error: campaign.error })
 }
 
-/// Returns the rows of the only run of a campaign, and the residual error of a model in each.
+/// Returns the rows of the only run of a campaign, and the residual error of a model in each row.
 fn residuals(campaign: &Campaign<'_>, terms: &[PriorTerm]) -> Result<(Bank, Vec<f64>), String> {
     let candidates = known(campaign, terms)?.iter().map(|(candidate, _)| *candidate).collect();
     let bank = Bank::new(campaign, candidates);
@@ -153,8 +153,8 @@ fn residuals_of(campaign: &Campaign<'_>, bank: &Bank, terms: &[PriorTerm]) -> Re
     Ok(run.error().iter().zip(model.predict(campaign, bank, 0)).map(|(error, cz)| error + cz).collect())
 }
 
-/// Checks a single run. A constant sensor is used: it has no effect. A run with another faulty sensor is refused,
-/// because nothing in it shows the true reading.
+/// Checks a single run. A constant sensor is used, because it has no effect. A run with any other faulty sensor is
+/// rejected, because nothing in the run shows the true reading.
 pub(super) fn prepared<'a>(
     profile: &Profile,
     single: &'a Dataset,
@@ -170,7 +170,8 @@ pub(super) fn prepared<'a>(
     }
 }
 
-/// Returns the standard deviation of a probing, µm, and the growth of the variance of a correction per hour, µm²/h.
+/// Returns the standard deviation of a measurement with the probe, µm, and the growth per hour of the variance of a
+/// correction, µm²/h.
 fn scatter(profile: &Profile, choice: &Choice) -> (f64, f64) {
     let axis = choice.axis.as_deref().unwrap_or_default();
     match settings(profile, axis).and_then(|own| own.probe).map(|probe| probe.filter) {

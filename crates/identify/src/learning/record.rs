@@ -1,4 +1,5 @@
-//! Learning record of an axis: the judged days, and the model that they judged. Its file is sealed by a checksum.
+//! Learning record of an axis: the days on which models were compared, and the compared model. A checksum protects its
+//! file.
 
 use serde::{Deserialize, Serialize};
 
@@ -9,13 +10,13 @@ use isotherm_profile::sha256;
 const FORMAT: &str = "isotherm-learning";
 const VERSION: u64 = 1;
 
-/// Progress of the learning: judged days, and the model that they judged.
+/// Progress of the learning: the days on which models were compared, and the compared model.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct Record {
-    /// SHA-256 of the model in use when the days were judged.
+    /// SHA-256 of the model that was in use on the compared days.
     pub(super) in_use: String,
-    /// SHA-256 of the candidate after the last run, as it was offered to the gateway. Empty if none was.
+    /// SHA-256 of the candidate that was offered to the gateway after the last run. Empty if no candidate was offered.
     pub(super) offered: String,
     pub(super) judgement: Judgement,
     /// Time of the last row that was used.

@@ -1,5 +1,5 @@
 //! `difference`: Cz = Kz·(A − B), JP H07-61598 B2. A and B are the two inputs, or the pair with the best fit. If one
-//! sensor fails, the other one alone is used: see `identified/single_sensor.rs`.
+//! sensor fails, the remaining sensor is used alone: see `identified/single_sensor.rs`.
 
 use crate::gram::{Gains, Gram};
 

@@ -1,8 +1,8 @@
 //! Forward search, validated on held-out runs.
 //!
-//! For each column, a fold stores its product with the residual, its unexplained part, and its effect on the held-out
-//! runs. Therefore trying a column takes a few products. Adding a column takes a pass over all columns for each chosen
-//! column.
+//! For each column, a fold stores three values: the product with the residual, the unexplained part, and the effect on
+//! the held-out runs. Therefore a trial of a column takes a few products. To add a column takes one pass over all
+//! columns for each chosen column.
 
 use nalgebra::DVector;
 
@@ -89,8 +89,8 @@ impl Search<'_> {
     }
 }
 
-/// Adds columns while the residual of the held-out runs decreases, at most `most`. Returns the chosen columns in their
-/// order, and the squared residual of the held-out runs.
+/// Adds columns as long as the residual of the held-out runs decreases, at most `most` columns. Returns the columns in
+/// the order of their choice, and the squared residual of the held-out runs.
 pub(super) fn forward(folds: &[&Scaled], penalty: f64, most: usize) -> (Vec<usize>, f64) {
     let width = folds.first().map_or(0, |fold| fold.held.cross.len());
     let each_its_own: Vec<Option<usize>> = (0..width).map(Some).collect();

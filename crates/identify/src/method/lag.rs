@@ -24,7 +24,7 @@ pub(super) struct Lagging<'a> {
     terms: usize,
 }
 
-/// Default of the maximum number of sensors. Janeczko has one to three per axis.
+/// Default of the maximum number of sensors. Janeczko uses one to three sensors per axis.
 const MOST_TERMS: usize = 4;
 const PENALTY: f64 = 1e-3;
 /// Number of passes over the time constants.

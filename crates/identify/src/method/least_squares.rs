@@ -7,7 +7,7 @@ use crate::statistics::count;
 pub(super) fn fit(gram: &Gram, columns: &[usize]) -> Result<Gains, String> {
     if gram.rows < count(columns.len()) {
         return Err(format!(
-            "{} rows are too few for {} terms: record longer runs, or name fewer sensors with --inputs",
+            "{} log rows are too few to identify {} terms: record longer runs, or name fewer sensors with --inputs",
             gram.rows,
             columns.len()
         ));

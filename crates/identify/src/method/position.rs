@@ -1,5 +1,5 @@
-//! `position`: Δz(z) = Δz(z0) + k·(z − z0), Li, Yang, Zhang, Zhang 1998. Both parts are sums over (sensor, lag). The
-//! forward search of `sparse-lag` selects the terms of both together, on held-out runs.
+//! `position`: Δz(z) = Δz(z0) + k·(z − z0), Li, Yang, Zhang, Zhang 1998. The constant part and the slope are sums over
+//! (sensor, lag). The forward search of `sparse-lag` selects the terms of the two sums together, on held-out runs.
 //!
 //! A rise and the same rise times the distance differ by construction. Therefore a small ridge penalty is enough.
 
@@ -22,8 +22,8 @@ pub(super) fn fit(grams: &[Gram], runs: &[usize], columns: &[usize], terms: Opti
     in_columns(&by_forward(&inner.all, &inner.scaled(), most, &HELD, false), columns)
 }
 
-/// Creates the matrix of candidate terms: every input through every lag, and each of these also multiplied by the
-/// distance from the reference position.
+/// Creates the matrix of candidate terms: every input through every lag. Each of these terms also occurs multiplied by
+/// the distance from the reference position.
 pub(super) fn bank(campaign: &Campaign<'_>, lags: &[Option<Duration>]) -> Result<Bank, String> {
     let Some(position) = &campaign.position else {
         return Err("position needs the signal with the position of the axis: --position scale_z".to_owned());

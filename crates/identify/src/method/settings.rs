@@ -41,9 +41,9 @@ pub struct PriorTerm {
     pub signal: String,
     /// Time constant of the lag; `None` for no lag.
     pub lag: Option<Duration>,
-    /// Whether the term uses the square of the reading.
+    /// Whether the input of the term is the square of the reading.
     pub squared: bool,
-    /// Gain in µm per unit, for Cz.
+    /// Gain of the term for Cz, in µm per unit of the input.
     pub gain: f64,
 }
 

@@ -24,11 +24,13 @@ use crate::statistics::{count, least_sum};
 const HELD: [f64; 2] = [0.3, 0.01];
 const CLEARLY: f64 = 0.4;
 const MOST_TERMS: usize = 10;
-/// L2 penalties of the elastic net, chosen in the same way. Sensors of one machine are similar.
+/// L2 penalties of the elastic net, chosen in the same way as [`HELD`]. An L2 penalty is useful because sensors of one
+/// machine are similar.
 const SHARED: [f64; 2] = [0.1, 0.003];
 /// Number of penalties on the path of the elastic net, each a quarter decade below the previous one.
 const STEPS: usize = 13;
-/// Step of the path, and maximum number of terms, for a single run, which allows no validation.
+/// Index on the path of the elastic net, and maximum number of terms, for a single run, with which no validation is
+/// possible.
 const UNVALIDATED: usize = 5;
 
 /// Fits a model with at most `terms` terms, if there is a limit.
@@ -103,7 +105,7 @@ fn by_net(all: &Gram, folds: &[Scaled]) -> DVector<f64> {
     last.map_or_else(|| DVector::zeros(0), |gains| gains.component_div(&scales))
 }
 
-/// Returns the first item, or a later one with a clearly lower cost.
+/// Returns the first item, or a later item if its cost is clearly lower. The first number of each pair is the cost.
 fn first_unless_clearly<T>(tried: impl Iterator<Item = (f64, T)>) -> Option<T> {
     let better = |best: (f64, T), next: (f64, T)| if next.0 < CLEARLY * best.0 { next } else { best };
     tried.reduce(better).map(|(_, best)| best)

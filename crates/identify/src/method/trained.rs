@@ -1,12 +1,12 @@
-//! Common part of `rbf` and `network` (after Ren et al., Chen and Wang).
+//! Common part of the methods `rbf` and `network` (after Ren et al., Chen and Wang).
 //!
-//! Both methods use each input directly and through a few lags, as the gateway calculates them. Like the linear
-//! methods, both give zero without a rise. Their smoothness is chosen on runs that are held out of the training runs,
-//! never on the run of the final validation. The criterion is the residual about its own mean, because the range of the
-//! error in a run is the most important figure.
+//! The two methods use each input directly and through a few lags, as the gateway calculates them. Like the linear
+//! methods, they give zero if all rises are zero. Their smoothness is chosen on runs that are held out of the training
+//! runs, never on the run of the final validation. The criterion is the residual about its own mean, because the range
+//! of the error in a run is the most important result.
 //!
 //! If rows are averaged, the training uses means of rises. A gateway with a shorter period applies the network to each
-//! rise. For a non-linear network, the results differ, but by much less than the noise of a probe.
+//! single rise. For a non-linear network, the results differ, but by much less than the noise of a probe.
 
 use std::time::Duration;
 
@@ -28,10 +28,10 @@ mod radial;
 #[cfg(test)]
 mod tests;
 
-/// Default time constants in minutes, in addition to each input without lag.
+/// Default time constants of the lags, min. Each input is also used without a lag.
 const LAGS_MIN: [u64; 2] = [12, 50];
-/// Time in seconds between the log rows that are used for training, because neighbouring rows are similar. The
-/// validation uses all rows.
+/// Time between the log rows that are used for training, s. Neighbouring rows are similar, so most rows are skipped.
+/// The validation uses all rows.
 const APART: f64 = 600.0;
 
 /// Type and size of the network.
@@ -43,7 +43,7 @@ pub(super) enum Shape {
     Neurons(usize),
 }
 
-/// A network method with its data.
+/// Network method (`rbf` or `network`) with its data.
 pub(super) struct Trained {
     bank: Bank,
     /// Indices of the candidate terms that the network may use.
@@ -55,7 +55,7 @@ pub(super) struct Trained {
     seed: u64,
 }
 
-/// Rows of one or more runs: scaled temperature rises, and the scaled Cz that would compensate the whole error.
+/// Rows of one or more runs: scaled temperature rises, and the scaled Cz that would leave no error.
 #[derive(Clone, Debug)]
 struct Samples {
     rises: DMatrix<f64>,
@@ -95,7 +95,7 @@ fn about_mean(left: &DVector<f64>) -> f64 {
     left.norm_squared() - left.mean().powi(2) * count(left.len())
 }
 
-/// Returns the index with the least sum of costs over all folds; `None` without folds.
+/// Returns the index of the smallest sum of costs over all folds; `None` if there are no folds.
 fn least(folds: &[Fold<'_>], costs: impl Fn(&Fold<'_>) -> Vec<f64> + Sync + Send) -> Option<usize> {
     let costs: Vec<Vec<f64>> = folds.par_iter().map(costs).collect();
     least_sum(costs).map(|(place, _)| place)

@@ -22,7 +22,7 @@ impl TwoSource {
         let waiting = places("--waiting", "run", &settings.waiting, &runs)?;
         if waiting.len() < 2 || waiting.len() == runs.len() {
             return Err(format!(
-                "two-source needs at least two runs in which the spindle waits (does not turn), and other runs: --waiting \
+                "two-source needs at least two runs in which the spindle does not turn, and other runs: --waiting \
                  RUN,RUN of {}",
                 runs.join(", ")
             ));

@@ -1,15 +1,17 @@
-//! `whitened`: mean of a ridge regression and an elastic net, both on whitened rows.
+//! Method `whitened`: mean of a ridge regression and an elastic net, both on whitened rows (rows without their slow
+//! random drift).
 //!
-//! - The ridge regression keeps every column. Its penalty on a column is greater the less the column changes. The
+//! - The ridge regression keeps every column. A column that changes less has a greater penalty. The strength of the
 //!   penalty is chosen by the residual on plain rows of held-out runs.
 //! - The elastic net removes most columns. Its position on the path is chosen by the residual on whitened rows of
 //!   held-out runs.
 //!
-//! The two models have different errors, in particular outside the training range. Outside this range, their difference
-//! shows how reliable the mean is.
+//! The two models have different errors, in particular outside the training range. There, the difference of the two
+//! models shows how reliable the mean is.
 //!
-//! One or two runs allow no choice. The model is then a ridge regression with a fixed penalty; with one run it is
-//! multiplied by 0.7. With an existing model as the prior, the penalty is smaller, and nothing is multiplied.
+//! With one or two runs, no penalty can be chosen. The model is then a ridge regression with a fixed penalty; with one
+//! run its gains are multiplied by 0.7. With an existing model as the prior, the penalty is smaller, and no gain is
+//! multiplied.
 
 use std::time::Duration;
 
@@ -32,7 +34,7 @@ const UNCHOSEN: f64 = 0.3;
 const TOWARDS: f64 = 0.1;
 /// Factor by which the gains of a ridge regression are reduced if there is only one run.
 const OF_ONE_RUN: f64 = 0.7;
-/// L2 penalties of the elastic net. The weaker one is used only if its residual is less than [`CLEARLY`] times as
+/// L2 penalties of the elastic net. The smaller penalty is used only if its residual is less than [`CLEARLY`] times as
 /// large.
 const SHARED: [f64; 2] = [0.1, 0.003];
 const CLEARLY: f64 = 0.4;
@@ -51,7 +53,7 @@ pub(crate) fn usual_lags() -> Vec<Option<Duration>> {
 pub(super) struct Whitening {
     bank: Bank,
     products: Products,
-    /// Maximum number of sensors and their forward search, if the number is limited.
+    /// Maximum number of sensors, with the forward search that chooses them; `None` if the number is not limited.
     few: Option<(usize, Forward)>,
     /// Terms of an existing model, which is the prior.
     prior: Option<Vec<(Candidate, f64)>>,
@@ -82,7 +84,7 @@ impl Whitening {
 /// Checks that an existing model leaves a smaller error than no compensation, over all runs together.
 ///
 /// # Errors
-/// Returns a message with both errors. Gains that are drawn towards such a model become worse.
+/// Returns a message with both errors. Gains that shrink towards such a model become worse.
 pub(crate) fn check_prior(campaign: &Campaign<'_>, bank: &Bank, prior: &[PriorTerm]) -> Result<(), String> {
     let prior = Learned::Sum(known(campaign, prior)?);
     let (mut left, mut none) = (Vec::new(), Vec::new());
@@ -155,7 +157,7 @@ impl Learner for Whitening {
     }
 }
 
-/// Identifies a model from these runs, with these columns of the matrix of candidate terms.
+/// Identifies a model from these runs. The model uses only these columns of the matrix of candidate terms.
 pub(crate) fn fit(products: &Products, runs: &[usize], columns: &[usize], bank: &Bank) -> Fitted {
     if runs.is_empty() || columns.is_empty() {
         return Fitted { gains: vec![0.0; columns.len()], halves: None };
@@ -175,7 +177,7 @@ pub(crate) fn fit(products: &Products, runs: &[usize], columns: &[usize], bank: 
     }
 }
 
-/// Ridge regression that shrinks towards the gains of an existing model instead of towards zero.
+/// Fits a ridge regression that shrinks the gains towards those of an existing model instead of towards zero.
 fn towards(
     products: &Products,
     runs: &[usize],

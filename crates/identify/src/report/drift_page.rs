@@ -77,7 +77,7 @@ fn headline(all: &[Displacement]) -> Markup {
     }
 }
 
-/// Renders a chart of a column over the hours of a run.
+/// Renders a chart of a column over the time of a run, in hours.
 fn course(dataset: &Dataset, run: &Run, name: &str, (width, height): (u32, u32), unit: &str) -> Markup {
     let values = dataset.column(name).map(|column| &run.values[column]);
     let line = Line::new(LineStyle::Solid, run.hours().zip(values.into_iter().flatten()));

@@ -1,4 +1,4 @@
-//! Content of the logs: runs, sensors over time, and similar sensors.
+//! Report section about the logs: runs, sensors over time, and similar sensors.
 
 use maud::{Markup, html};
 
@@ -45,15 +45,15 @@ pub(super) fn runs(dataset: &Dataset, like: &[Finding]) -> Markup {
     }
 }
 
-/// Formats a range, for example `20.1 … 23.4`.
+/// Formats the range of the values, for example as `20.1 … 23.4`.
 fn spanned(values: impl IntoIterator<Item = f64>, places: usize) -> String {
     least_and_most(values).map_or("–".to_owned(), |(low, high)| {
         format!("{} … {}", decimals(low, places), decimals(high, places))
     })
 }
 
-/// Formats the speeds that each take at least a twentieth of the run, if there are at most six of them; otherwise the
-/// range of the speed.
+/// Formats the speeds of a run, one by one if there are at most six. A speed that takes less than a twentieth of the
+/// run does not count. Otherwise, formats the range of the speed.
 fn stages(values: &Series) -> String {
     const FEW: usize = 6;
     let mut held: Vec<f64> = values.iter().filter(|value| value.is_finite()).map(f64::round).collect();

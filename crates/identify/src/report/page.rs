@@ -29,7 +29,7 @@ pub(super) fn list(items: &[Markup]) -> Markup {
     html! { @if !items.is_empty() { ul { @for item in items { li { (item) } } } } }
 }
 
-/// Formats a figure; "–" if it is missing.
+/// Formats a number; "–" if it is missing.
 pub(super) fn optional(value: Option<f64>, written: fn(f64) -> String) -> String {
     value.map_or("–".to_owned(), written)
 }

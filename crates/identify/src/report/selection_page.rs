@@ -120,7 +120,7 @@ fn points(found: &Selected) -> Markup {
                 "Over the rows of all runs, of rises since the start of a run. If it is negative, the \
                  point falls while the error rises."))
             (figure("Grey relational grade", &bars("grey relational grade of each point", |point| point.grey_grade),
-                "After Deng, ζ = 0.5: 1 if the course of a point is that of the error."))
+                "After Deng, ζ = 0.5. The grade is 1 if the curve of a point equals the curve of the error."))
         }
     }
 }

@@ -1,4 +1,4 @@
-//! Model in the report: its terms, its stand-ins, its range and its limits.
+//! Report section about the model: its terms, its stand-ins for lost sensors, its range and its limits.
 
 use std::collections::BTreeSet;
 use std::time::Duration;
@@ -17,7 +17,7 @@ use isotherm_html::chart::{self, Bar};
 use isotherm_html::{decimals, duration, figure, number, row, table, three_digits};
 use isotherm_profile::counted;
 
-/// Maximum number of bars. The table contains all terms.
+/// Maximum number of bars in the chart of the gains. The table contains all terms.
 const MOST_BARS: usize = 30;
 
 /// Renders the model: a chart of the gains with their standard errors, then a table of all terms.
@@ -104,8 +104,8 @@ fn named(term: &TermFound) -> String {
     format!("{}{}", term.signal, if term.squared { "²" } else { "" })
 }
 
-/// Renders charts of each signal's effect in equilibrium, after all lags: the sum of its gains. Each unit has one
-/// chart.
+/// Renders charts of each signal's effect in equilibrium, which is the sum of its gains over all lags. There is one
+/// chart for each unit.
 fn at_rest(terms: &[TermFound]) -> Markup {
     let mut sums: Vec<(&TermFound, f64)> = Vec::new();
     for term in terms.iter().filter(|term| !term.slope) {

@@ -9,7 +9,7 @@ use isotherm_html::chart::{self, Bar, Line, LineStyle};
 use isotherm_html::{decimals, figure, number, table};
 use isotherm_profile::counted;
 
-/// Renders the headline figures: range and root mean square of the error, with the model and without compensation.
+/// Renders the main results: range and root mean square of the error, with the model and without compensation.
 pub(super) fn headline(means: &Means, uncompensated: &Means) -> Markup {
     let figures = [
         ("mean range of a run", means.mean_range_um, uncompensated.mean_range_um),
@@ -92,7 +92,7 @@ fn worse(runs: &[RunScore]) -> String {
     }
 }
 
-/// Renders a chart of measured, predicted and residual error for each run. All charts have one scale.
+/// Renders a chart of measured, predicted and residual error for each run. All charts have the same scale.
 pub(super) fn pictures(found: &Identified) -> Markup {
     let values = |held: &HeldOut| {
         let predicted = held.cz.iter().map(|cz| -cz);

@@ -1,13 +1,14 @@
-//! Grey relational grades (Deng 1982): similarity of the course of a point with that of the error.
+//! Grey relational grades (Deng 1982): how similar the curve of a point is to the curve of the error.
 //!
 //! Each series is divided by its largest absolute value over all runs. The series is negated if its correlation with
-//! the error is negative. With Δi(k) = |error(k) − pointi(k)| at row k, Δmin and Δmax over all points and rows, and ζ =
-//! 0.5: ξi(k) = (Δmin + ζ·Δmax) / (Δi(k) + ζ·Δmax). The grade is the mean of ξi over the rows.
+//! the error is negative. Δi(k) = |error(k) − pointi(k)| is the distance at row k. Δmin and Δmax are its extremes over
+//! all points and rows, and ζ = 0.5. Then ξi(k) = (Δmin + ζ·Δmax) / (Δi(k) + ζ·Δmax). The grade of a point is the mean
+//! of ξi over the rows.
 
 use crate::bank::Bank;
 use crate::statistics::mean;
 
-/// Distinguishing coefficient ζ: weight of the largest distance.
+/// Distinguishing coefficient ζ: weight of the largest distance in the grade.
 const DISTINGUISHING: f64 = 0.5;
 
 /// Returns the grade of each point. The last column of `correlations` is the error.

@@ -1,7 +1,7 @@
 //! Residual error on held-out runs by the number of points.
 //!
-//! For each run, the points are selected again from all other runs, one after the other. The model with each number of
-//! points is that of `whitened`. Therefore no result depends on the run on which it is validated.
+//! For each run, the points are selected again from all other runs, one after the other. For each number of points, the
+//! model is identified by the method `whitened`. Therefore no result depends on the run on which it is validated.
 
 use nalgebra::DVector;
 use serde::Serialize;
@@ -20,15 +20,15 @@ use crate::validate::{Means, Progress, RunScore, hold_out_each};
 pub struct Counted {
     /// Number of points in the model.
     pub k: usize,
-    /// Points, selected on all runs.
+    /// Names of the points, selected on all runs.
     pub points: Vec<String>,
     /// Means of the held-out results.
     #[serde(flatten)]
     pub means: Means,
 }
 
-/// Maximum ratio of a result to the best one that is not clearly worse. Smaller differences are not significant with
-/// few runs.
+/// Maximum ratio of a result to the best result for which it counts as not clearly worse. Smaller differences are not
+/// significant with few runs.
 const AS_GOOD: f64 = 1.1;
 
 /// Results of all held-out runs by the number of points.

@@ -1,4 +1,4 @@
-//! Check of the chosen columns against the logs, without a profile.
+//! Check of the chosen measuring points against the logs, without a profile.
 
 use crate::ambient;
 use crate::campaign::{Campaign, Input, temperatures_of, without};
@@ -13,16 +13,16 @@ use crate::{incomplete, omission};
 use isotherm_core::reading::SignalId;
 use isotherm_profile::Unit;
 
-/// Temperature points that can be analysed.
+/// Temperature measuring points that can be analysed.
 #[derive(Clone, Debug)]
 pub struct Pointed<'a> {
-    /// Runs, in which every column is a signal.
+    /// Logged runs, in which every column is a signal.
     pub(crate) campaign: Campaign<'a>,
     /// Remarks about the points and the logs.
     pub notes: Notes,
 }
 
-/// Checks the choice, leaves faulty sensors out, and masks the rows in which a sensor was frozen.
+/// Checks the choice of points. Leaves faulty sensors out, and masks the rows in which a sensor was frozen.
 ///
 /// # Errors
 /// The choice does not fit the logs, or a log is unusual. All errors are returned as messages.

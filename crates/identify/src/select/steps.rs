@@ -14,7 +14,7 @@ pub struct Steps {
     /// Next best point, which is not added because it is not significant; `None` if the search ended for another
     /// reason.
     pub next: Option<Step>,
-    /// Number of independent samples.
+    /// Number of independent samples in the logs.
     pub samples: f64,
 }
 
@@ -27,7 +27,7 @@ pub struct Step {
     pub comes_in: bool,
     /// Partial F: reduction of the squared residual by the point, divided by the residual variance.
     pub f: f64,
-    /// Probability of such an F if the point has no effect (p-value).
+    /// Probability of such an F value if the point has no effect (p-value).
     pub chance: f64,
 }
 

@@ -12,7 +12,7 @@ use crate::resolution;
 use crate::stand_in::freeze::{freezes, untested};
 use isotherm_profile::Profile;
 
-/// Campaign with the sensors that are used, and the findings about the other sensors.
+/// Campaign with the sensors that are used, and the findings about the excluded sensors.
 pub(super) struct SoundSensors<'a> {
     pub(super) campaign: Campaign<'a>,
     pub(super) excluded: Vec<Finding>,
@@ -107,7 +107,7 @@ fn find_freezes(
     (freezes(&campaign, dataset, &count_of), untested(&campaign))
 }
 
-/// Returns the effect of leaving out each excluded sensor, except of those in `known`.
+/// Returns the effect of leaving out each excluded sensor, except the sensors in `known`.
 fn costs(
     campaign: &Campaign<'_>,
     inputs: &[Input],

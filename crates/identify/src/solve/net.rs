@@ -84,8 +84,8 @@ impl Net<'_> {
         }
     }
 
-    /// Returns the gains of the active columns (terms whose gains are not zero) that solve the system for the present
-    /// signs.
+    /// Returns the gains of the active columns (terms whose gains are not zero) that solve the linear system for the
+    /// present signs.
     fn answer(&self, l1: f64) -> Vec<f64> {
         let mut answer: Vec<f64> = Vec::with_capacity(self.columns.len());
         for (row, (column, sign)) in self.factor.iter().zip(self.columns.iter().zip(&self.signs)) {
@@ -126,7 +126,7 @@ impl Net<'_> {
     }
 }
 
-/// Returns the dot product over the common length.
+/// Returns the dot product of two vectors. If their lengths differ, the shorter length is used.
 fn dot(one: &[f64], other: &[f64]) -> f64 {
     one.iter().zip(other).map(|(one, other)| one * other).sum()
 }

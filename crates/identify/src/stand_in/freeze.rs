@@ -36,7 +36,7 @@ use crate::statistics::{least_and_most, median, rms};
 
 /// Maximum step of a good sensor between two readings, in counts.
 const COUNTS: f64 = 3.0;
-/// Relative rounding error, so that a step of exactly three counts does not exceed three counts.
+/// Tolerance for rounding errors, as a share. A step of exactly three counts must not exceed three counts.
 const ROUNDING: f64 = 1e-6;
 /// Minimum number of runs. With fewer runs, sensors are not tested for freezes.
 const FEWEST_RUNS: usize = 3;
@@ -47,11 +47,11 @@ const LONG: f64 = 3600.0;
 const LONG_AT_THE_END: f64 = 1800.0;
 /// Factor by which the step of a thaw must exceed the largest own step of a coarse sensor.
 const LARGER: f64 = 2.0;
-/// Share of the span of a sensor's rises by which constant readings may be beyond this span. If they are farther
-/// beyond, the sensor is not tested.
+/// Share of the span of a sensor's rises by which constant readings may be beyond this span. If the readings are
+/// farther beyond, the sensor is not tested.
 const BEYOND: f64 = 0.25;
 
-/// Returns a message on constant readings that were not tested; `None` if all were tested.
+/// Returns a message about constant readings that were not tested for freezes; `None` if all were tested.
 pub(crate) fn untested(campaign: &Campaign<'_>) -> Option<String> {
     if campaign.sensors().len() < 2 {
         return None;
@@ -66,7 +66,7 @@ pub(crate) fn untested(campaign: &Campaign<'_>) -> Option<String> {
 }
 
 /// Returns every freeze of the sensors of a campaign. The reading after each period of constant readings is taken from
-/// `logs`, which are as recorded. Predictions are made from the campaign, in which other faults are repaired.
+/// `logs`, the logs as recorded. Predictions are made from the campaign, in which other faults are repaired.
 /// `resolution` returns the count of a column of the logs in its unit, or 0 if it is unknown.
 pub(crate) fn freezes(
     campaign: &Campaign<'_>,

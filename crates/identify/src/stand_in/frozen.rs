@@ -13,11 +13,11 @@ use crate::validate::HeldOut;
 /// Number of consecutive rows of one minute after which a sensor is suspected, if D (motion of its prediction) exceeds
 /// the threshold in all of them.
 const MISSED: usize = 3;
-/// Share of its range by which a predictor, or the value of a stand-in, may be beyond this range.
+/// Share of a range in the other runs by which a predictor, or the value of a stand-in, may be beyond this range.
 const EDGE: f64 = 0.01;
-/// Share of its range by which the sensor itself, or a lagged predictor, may be beyond this range.
+/// Share of a range in the other runs by which the sensor itself, or a lagged predictor, may be beyond this range.
 const FAR: f64 = 0.10;
-/// Largest step that is assumed if the axis is not known, µm.
+/// Largest step of Cz that is assumed if the axis is not known, µm.
 const USUAL_STEP: f64 = 1.0;
 
 /// Result of the simulated freeze of one sensor in a held-out run.
@@ -31,7 +31,7 @@ pub struct Frozen {
     pub at: f64,
     /// Time from the freeze to its detection, s; `None` if it was not detected.
     pub noticed_after: Option<f64>,
-    /// Time from the freeze to the use of a stand-in, s; `None` if none was used.
+    /// Time from the freeze to the use of a stand-in, s; `None` if no stand-in was used.
     pub replaced_after: Option<f64>,
     /// Whether the other sensors and the predicted value were within the range of the other runs after the freeze.
     pub inside: bool,
@@ -39,11 +39,11 @@ pub struct Frozen {
     pub range: (f64, f64),
     /// Range of the error if the freeze had not been detected, µm.
     pub range_unnoticed: f64,
-    /// Whether the test reported the sensor in this run while it was good.
+    /// Whether the test reported the sensor as frozen in this run while the sensor was good.
     pub false_alarm: bool,
 }
 
-/// Sensor in one run, with its predictions from the other runs.
+/// Sensor in one run, with its predictions by models from the other runs.
 struct WatchedSensor {
     sensor: usize,
     run: usize,
@@ -53,12 +53,12 @@ struct WatchedSensor {
     span: (f64, f64),
     /// Predicted rise of the sensor in each row of one minute.
     predicted: Vec<f64>,
-    /// For each row: whether a predictor is beyond its range in the other runs, or a lagged predictor far beyond.
+    /// For each row: whether a predictor is beyond its range in the other runs, or a lagged predictor is far beyond it.
     outside: Vec<bool>,
 }
 
 /// Simulates a freeze of each sensor of the model in each run, at a random time. Model, predictions, thresholds and
-/// ranges are from the other runs only.
+/// ranges are calculated from the other runs only.
 pub fn frozen(ready: &Ready<'_>, held_out: &[HeldOut], seed: u64) -> Vec<Frozen> {
     let campaign = &ready.campaign;
     let others = Others::new(campaign, &campaign.sensors());
@@ -91,14 +91,14 @@ impl Others<'_> {
         }
     }
 
-    /// Returns the smallest and the largest rise of a sensor in these runs; infinite bounds if there are none.
+    /// Returns the smallest and the largest rise of a sensor in these runs; infinite bounds if there are no rises.
     fn span(&self, sensor: usize, runs: &[usize]) -> (f64, f64) {
         let rises = runs.iter().flat_map(|run| self.rise(sensor, *run));
         least_and_most(rises).unwrap_or((f64::NEG_INFINITY, f64::INFINITY))
     }
 
-    /// Returns for each row of a run whether a predictor with these gains is beyond its range in the training runs, or
-    /// a lagged predictor far beyond.
+    /// Returns for each row of a run whether a predictor with these gains is beyond its range in the training runs. The
+    /// value is also true if a lagged predictor is far beyond its range.
     fn outside(&self, gains: &Gains, training: &[usize], run: usize) -> Vec<bool> {
         let mut outside = vec![false; self.bank.runs[run].seconds.len()];
         for (candidate, _) in gains.iter().filter(|(_, gain)| gain.abs() > 0.0) {
@@ -115,8 +115,8 @@ impl Others<'_> {
         outside
     }
 
-    /// Returns the result if the sensor freezes after the share `when` of the run. `step` is the largest step of the
-    /// axis, µm.
+    /// Returns the result of a freeze of the sensor. It freezes after the share `when` of the run. `step` is the
+    /// largest step of the axis, µm.
     fn frozen_once(&self, watched: &WatchedSensor, held: &HeldOut, when: f64, step: f64) -> Frozen {
         let WatchedSensor { sensor, run, ref predicted, ref outside, .. } = *watched;
         let (seconds, rise) = (&self.bank.runs[run].seconds, self.rise(sensor, run));
@@ -169,7 +169,8 @@ impl WatchedSensor {
         self.first_missed(&vec![reads; seconds.len()], at, apart)
     }
 
-    /// Returns the log row with which later predictions are compared: the first one with a prediction.
+    /// Returns the log row with which later predictions are compared: the first row that has a prediction. `None` if no
+    /// row has one.
     fn base(&self, at: usize) -> Option<usize> {
         (at..self.outside.len()).find(|row| !self.outside[*row])
     }

@@ -11,11 +11,11 @@ use super::thrift;
 /// Maximum decompressed size of a page, bytes. Most programs write pages of 1 MB; some write one page for each row
 /// group.
 const LARGEST_PAGE: u64 = 48_000_000;
-/// Maximum decompressed size of a dictionary, bytes. Its texts take several times their length in memory.
+/// Maximum decompressed size of a dictionary, bytes. In memory, its texts need several times this size.
 const LARGEST_DICTIONARY: u64 = 8_000_000;
-/// Maximum size of a page header, bytes. It contains some numbers, and the smallest and largest value.
+/// Maximum size of a page header, bytes. A header contains only some integers, and the minimum and maximum value.
 const LONGEST_HEAD: usize = 64 * 1024;
-/// Number of bytes that are read at a time.
+/// Number of bytes that are read from the file in one step.
 const WINDOW: usize = 1 << 20;
 
 /// Result of the check of a column.
@@ -25,7 +25,7 @@ pub(super) struct CheckedPages {
     pub(super) has_deltas_of_texts: bool,
 }
 
-/// Header of a page: the fields that describe its size.
+/// Header of a page: the fields with its type and sizes.
 #[derive(Clone, Copy, Debug, Default)]
 struct Head {
     kind: i64,
@@ -37,7 +37,7 @@ struct Head {
 
 /// Page type of a dictionary page.
 const DICTIONARY: i64 = 2;
-/// Codes of the two encodings in which a text is a delta to the text before.
+/// Codes of the two encodings in which each text is stored as a difference from the previous text.
 const DELTAS_OF_TEXTS: [i64; 2] = [6, 7];
 
 /// Checks every page of one column in one row group.
@@ -131,7 +131,7 @@ impl Head {
     }
 }
 
-/// Part of the file that is in memory; more bytes are read when they are needed.
+/// Part of the file that is in memory. The reader loads more bytes when they are needed.
 struct Window<'f> {
     file: &'f File,
     /// Offset in the file of the first byte of `bytes`.

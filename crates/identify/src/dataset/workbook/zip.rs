@@ -5,20 +5,20 @@ use std::io::{self, Read};
 
 use flate2::read::DeflateDecoder;
 
-/// Maximum size of all decompressed parts, bytes. They are sheets, which are read in parts.
+/// Maximum size of all decompressed parts together, bytes. The library reads sheets, the largest parts, piece by piece.
 const LARGEST: u64 = 1_000_000_000;
-/// Maximum size of the texts of all sheets, which are kept in memory, bytes.
+/// Maximum size of the texts of all sheets, bytes. The library keeps them in memory.
 const LARGEST_TEXTS: u64 = 32_000_000;
-/// Length of the record at the end of the file, without a comment.
+/// Length of the end record of a zip file, bytes, without the file comment.
 const END: usize = 22;
-/// Length of the head of a part in the directory, and before the part.
+/// Length of the fixed header of a part, bytes: `ENTRY` in the zip directory, `LOCAL` before the data of the part.
 const ENTRY: usize = 46;
 const LOCAL: usize = 30;
 
 /// Checks the sizes of all parts.
 ///
 /// # Errors
-/// The file is no zip file, or a part is larger than allowed or than stated.
+/// The file is not a zip file, or a part is larger than allowed or than the zip directory states.
 pub(super) fn check(bytes: &[u8]) -> Result<(), String> {
     let damaged = "this is no workbook (.xlsx), or a damaged one: save the sheet as CSV";
     let mut at = directory(bytes).ok_or(damaged)?;
@@ -43,7 +43,7 @@ pub(super) fn check(bytes: &[u8]) -> Result<(), String> {
     Ok(())
 }
 
-/// Returns the offset of the directory of the parts.
+/// Returns the offset of the zip directory, which lists the parts; `None` if the file has none.
 fn directory(bytes: &[u8]) -> Option<usize> {
     // A comment of at most 64 kB may follow the record.
     let begin = bytes.len().saturating_sub(END + (1 << 16));
@@ -51,7 +51,8 @@ fn directory(bytes: &[u8]) -> Option<usize> {
     usize::try_from(number(bytes, begin + place + 16, 4)?).ok()
 }
 
-/// Returns a number of some bytes; the lowest byte comes first.
+/// Returns the number in `length` bytes at the offset `at`; the lowest byte comes first. `None` if the data are too
+/// short.
 fn number(bytes: &[u8], at: usize, length: usize) -> Option<u64> {
     let own = bytes.get(at..at.checked_add(length)?)?;
     Some(own.iter().rev().fold(0, |sum, byte| (sum << 8) | u64::from(*byte)))
@@ -61,11 +62,11 @@ fn number(bytes: &[u8], at: usize, length: usize) -> Option<u64> {
 struct Part<'b> {
     packed: &'b [u8],
     is_packed: bool,
-    /// Stated size of the decompressed part.
+    /// Size of the decompressed part as the zip directory states it, bytes.
     unpacked: u64,
-    /// Whether the part is kept in memory as a whole: all that are no sheets.
+    /// Whether the library keeps the whole part in memory. This is so for all parts except sheets.
     is_kept: bool,
-    /// Offset of the next entry of the directory.
+    /// Offset of the next entry in the zip directory.
     next: usize,
 }
 
@@ -94,7 +95,7 @@ impl Part<'_> {
         })
     }
 
-    /// Returns whether the part decompresses to at most its stated size. The decompressed data are discarded.
+    /// Returns whether the decompressed size of the part is the stated size. The decompressed data are discarded.
     fn is_as_stated(&self) -> bool {
         if !self.is_packed {
             return self.packed.len() as u64 == self.unpacked;

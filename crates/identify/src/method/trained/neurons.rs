@@ -20,7 +20,7 @@ use crate::statistics::count;
 
 /// Number of networks in the mean.
 pub(super) const MEMBERS: usize = 5;
-/// Number of networks in the mean when training lengths are compared.
+/// Number of networks in the mean while training lengths are compared.
 const COMPARED: u64 = 2;
 /// Numbers of training rounds to compare.
 pub(super) const LENGTHS: [usize; 11] = [30, 60, 100, 150, 200, 300, 400, 600, 800, 1000, 1500];
@@ -32,7 +32,7 @@ const RATE: f64 = 0.01;
 /// Standard deviations of the initial weights: input weights of a neuron, bias, and output weight.
 const BEGIN: (f64, f64, f64) = (0.2, 0.2, 0.5);
 
-/// y = Σ w·(tanh(W·x + b) − tanh b), which is zero without a rise.
+/// Network y = Σ w·(tanh(W·x + b) − tanh b), which is zero if all rises are zero.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Neurons {
     first: DMatrix<f64>,
@@ -140,11 +140,11 @@ fn view(matrix: &DMatrix<f64>) -> MatRef<'_, f64> {
     MatRef::from_column_major_slice(matrix.as_slice(), matrix.nrows(), matrix.ncols())
 }
 
-/// tanh with an error of a few 1e-16, without a branch or a call. The compiler can vectorize loops over this function,
-/// which take most of the training time.
+/// Calculates tanh with an error of a few 1e-16, without a branch or a call. Therefore the compiler can vectorize loops
+/// over this function, which take most of the training time.
 ///
-/// With e = exp(−2·|x|), the result is (1 − e) / (1 + e). The exponential is 2^k·exp(r) with |r| at most ln 2 / 2,
-/// where a short series gives exp(r).
+/// With e = exp(−2·|x|), the result is (1 − e) / (1 + e). The exponential is 2^k·exp(r). |r| is at most ln 2 / 2, so a
+/// short series gives exp(r).
 #[inline]
 pub(super) fn tanh(x: f64) -> f64 {
     /// Argument above which the result is 1.
@@ -178,7 +178,7 @@ pub(super) fn tanh(x: f64) -> f64 {
     ((1.0 - exp) / (1.0 + exp)).copysign(x)
 }
 
-/// The running means of Adam for the gradients of some weights: of the gradient and of its square.
+/// Running means of the optimizer Adam for some weights: of the gradient, and of the square of the gradient.
 struct Adam {
     mean: Vec<f64>,
     square: Vec<f64>,
@@ -189,7 +189,7 @@ impl Adam {
         Adam { mean: vec![0.0; weights], square: vec![0.0; weights] }
     }
 
-    /// Updates the weights. `begun` corrects the bias of both means.
+    /// Updates the weights. `begun` corrects the initial bias of the two running means.
     fn step(&mut self, weights: &mut [f64], slopes: &[f64], begun: (f64, f64)) {
         let means = self.mean.iter_mut().zip(&mut self.square);
         let all = weights.iter_mut().zip(slopes).zip(means);
@@ -234,7 +234,7 @@ pub(super) fn train(
     kept
 }
 
-/// Returns the number of training rounds with the least residual on the held-out runs of the folds.
+/// Returns the number of training rounds with the smallest residual on the held-out runs of the folds.
 pub(super) fn length(folds: &[Fold<'_>], neurons: usize, seed: u64) -> usize {
     let costs = |fold: &Fold<'_>| {
         let seed = |member| seed.wrapping_mul(1000).wrapping_add(100 * member + fold.number);

@@ -1,6 +1,6 @@
 //! `rbf`: Gaussian functions of one width around centres, which k-means finds among the rows. Penalized least squares
 //! gives their weights. Width and penalty are chosen on held-out runs. Wide functions with large weights of both signs
-//! give a smooth surface; narrow ones follow each region separately.
+//! give a smooth surface. Narrow functions follow each region separately.
 
 use nalgebra::{DMatrix, DVector};
 use rand::{RngExt, SeedableRng};
@@ -15,7 +15,7 @@ use crate::statistics::{count, smallest};
 const WIDTHS: [f64; 5] = [0.5, 1.0, 2.0, 4.0, 8.0];
 /// Number of penalties to try, 1e-10 to 0.1 times the mean square of a basis function.
 const PENALTIES: i32 = 10;
-/// Width and penalty for a single run, which allows no validation.
+/// Width and penalty for a single run, with which no validation is possible.
 const UNVALIDATED: (f64, f64) = (4.0, 1e-4);
 const ROUNDS: usize = 50;
 /// k-means ends if no centre moves further than this.
@@ -28,7 +28,7 @@ const MEMBERS: u8 = 5;
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Bumps(Vec<Member>);
 
-/// y = Σ w·(φ(x) − φ(0)), which is zero without a rise.
+/// Radial-basis model y = Σ w·(φ(x) − φ(0)), which is zero if all rises are zero.
 #[derive(Clone, Debug, PartialEq)]
 struct Member {
     centres: DMatrix<f64>,
@@ -62,7 +62,7 @@ impl Member {
     }
 }
 
-/// Returns the width and the penalty with the least residual on the held-out runs of the folds.
+/// Returns the width and the penalty with the smallest residual on the held-out runs of the folds.
 fn chosen(folds: &[Fold<'_>], centres: usize, seed: u64) -> (f64, f64) {
     let penalties = || (0..PENALTIES).map(|place| 10f64.powi(place - PENALTIES));
     let tried: Vec<(f64, f64)> =
@@ -115,7 +115,7 @@ fn at_rest(centres: &DMatrix<f64>, width: f64) -> DVector<f64> {
     )
 }
 
-/// Returns the value of each basis function for each row, minus its value without a rise.
+/// Returns the value of each basis function for each row, minus the value of that function if all rises are zero.
 fn said(rises: &DMatrix<f64>, centres: &DMatrix<f64>, width: f64) -> DMatrix<f64> {
     let rest = at_rest(centres, width);
     let apart = |row: usize, place: usize| apart(rises, row, centres, place);
@@ -124,7 +124,7 @@ fn said(rises: &DMatrix<f64>, centres: &DMatrix<f64>, width: f64) -> DMatrix<f64
     })
 }
 
-/// Returns the squared distance of a row from a centre.
+/// Returns the squared distance between the row `row` and the centre `place`.
 fn apart(rises: &DMatrix<f64>, row: usize, centres: &DMatrix<f64>, place: usize) -> f64 {
     (0..rises.ncols()).map(|column| (rises[(row, column)] - centres[(place, column)]).powi(2)).sum()
 }
