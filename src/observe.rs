@@ -1,5 +1,5 @@
 //! Output for people and programs: events, status, the web page, metrics and messages. The tasks of the bus lines never
-//! wait for it.
+//! wait for this output.
 
 mod decision_history;
 pub mod events;

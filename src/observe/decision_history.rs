@@ -1,5 +1,5 @@
-//! Reader of the decision logs, for charts and downloads of the web page. It reads in the background, and limits memory
-//! and time even if the logs are large.
+//! Reader of the decision logs, for charts and downloads of the web page. The reader works in the background, and
+//! limits memory and time even if the logs are large.
 //!
 //! A chart divides the time range into as many intervals as it has points. It shows the smallest and the largest value
 //! of each interval, so that no peak is lost. A download contains the original rows.
@@ -45,7 +45,7 @@ pub(super) struct Course {
     rows: u64,
 }
 
-/// Smallest and largest value of one log column at each point of the chart; null if there is none.
+/// Smallest and largest value of one log column at each point of the chart; null if the column has no value there.
 #[derive(Debug, JsonSchema, Serialize)]
 #[schemars(rename = "HistoryColumn")]
 struct Extremes {
@@ -61,7 +61,7 @@ struct Extremes {
     max: Vec<f64>,
 }
 
-/// Interval of the time range, with the times of its first and last log row in nanoseconds.
+/// Interval of the time range. The times of its first and last log row are in nanoseconds.
 #[derive(Clone, Copy)]
 struct Stretch {
     first: u64,

@@ -1,8 +1,8 @@
-//! Events as one enum. From a variant and its entry in the catalogue [`isotherm_core::events`] come the log line, the
-//! counter and the line on the web page.
+//! Events as one enum. The log line, the counter and the line on the web page are made from a variant and its entry in
+//! the catalogue [`isotherm_core::events`].
 //!
-//! An event is reported once, when a state begins or ends. The event at the end contains the number of occurrences that
-//! were not reported.
+//! An event is reported once when a state begins, and once when that state ends. The event at the end contains the
+//! number of occurrences in between that were not reported.
 
 use std::borrow::Cow;
 
@@ -57,7 +57,7 @@ impl Event {
         Entry { at: at.to_string(), kind, level: described.level, text, data }
     }
 
-    /// Returns the sentence of the event, without the hint at its end.
+    /// Returns the sentence of the event, without the hint that follows it.
     pub(crate) fn text_without_hint(&self) -> String {
         cut(&one_line(&self.described().text_without_hint()), data::LONGEST).into_owned()
     }

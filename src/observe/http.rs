@@ -65,14 +65,14 @@ use super::status::{Command, GatewayApi};
 use super::{page, prometheus};
 use isotherm_profile::IpNetwork;
 
-/// Header by which a proxy such as nginx passes on each piece of an answer at once.
+/// Header that makes a proxy such as nginx forward each piece of an answer at once.
 const UNBUFFERED: HeaderName = HeaderName::from_static("x-accel-buffering");
 
-/// Time in which open requests may end when the gateway stops.
+/// Maximum time for open requests to end when the gateway stops.
 const GRACE: Duration = Duration::from_millis(500);
 
-/// Headers of every answer. The web page loads nothing from other sites and runs only its own scripts. It cannot be
-/// shown in a frame of another site, which could lay something over its buttons.
+/// Headers of every answer. The web page loads nothing from other sites and runs only its own scripts. The page cannot
+/// be shown in a frame of another site. Such a site could cover its buttons.
 const HEADERS: [(HeaderName, &str); 5] = [
     (
         header::CONTENT_SECURITY_POLICY,
@@ -213,7 +213,8 @@ async fn file(Path(name): Path<String>, headers: HeaderMap) -> Response {
     }
 }
 
-/// Makes a response on a separate thread. The state of a large machine takes long, and no bus line may wait.
+/// Makes a response on a separate thread. For a large machine this takes long, and the tasks of the bus lines must not
+/// wait.
 async fn off_the_lines(make: impl FnOnce() -> Response + Send + 'static) -> Response {
     let made = tokio::task::spawn_blocking(make).await;
     made.unwrap_or_else(|_| StatusCode::INTERNAL_SERVER_ERROR.into_response())

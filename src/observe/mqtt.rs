@@ -1,8 +1,8 @@
 //! Publisher of the state of a machine to the MQTT broker of `[mqtt]`, as JSON messages or as Sparkplug B.
 //!
 //! A separate thread reads the state that the web page shows, at the interval `every`. The crate `isotherm-plant` makes
-//! messages from the changes. No bus line and no web page waits for this thread. The queues for a slow or unreachable
-//! broker are bounded. Messages that do not fit are dropped, counted and reported.
+//! messages from the changes. Neither a bus line nor a web page waits for this thread. The queues for a slow or
+//! unreachable broker are bounded. Messages that do not fit are dropped, counted and reported.
 //!
 //! # Layout
 //! - `snapshot`, `event_queue`: the state and the events, as metrics.
@@ -50,7 +50,7 @@ mod snapshot;
 
 pub use broker::Fault;
 
-/// Maximum number of threads that resolve host names.
+/// Maximum number of threads that resolve the host name of the broker.
 const LOOKUPS: usize = 1;
 
 /// TLS configuration for the broker: trusted certificates, and the gateway's own certificate. `None` for a broker
@@ -118,8 +118,8 @@ impl Publishing {
         Ok(Publishing { stop, ended, _thread: thread })
     }
 
-    /// Publishes the last state, and that the gateway has ended. Returns when the broker has both, after
-    /// [`stop::BROKER`] at the latest, or as soon as `hurry` is ready.
+    /// Publishes the last state, and a message that the gateway has ended. Returns when the broker has received both,
+    /// after [`stop::BROKER`] at the latest, or as soon as `hurry` is ready.
     pub async fn finish(self, hurry: impl Future<Output = ()>) {
         self.stop.send_replace(true);
         tokio::select! {
@@ -149,7 +149,7 @@ fn publisher(
 }
 
 /// Creates the Sparkplug node. `last` is the death number of the last run. Returns `None` if a name cannot be part of a
-/// topic; the profile reader has rejected such names.
+/// topic. This does not happen, because the profile reader rejects such names.
 fn sparkplug(profile: &Profile, mqtt: &Mqtt, last: Option<u8>) -> Option<Sparkplug> {
     let address = Address::new(&mqtt.group, &profile.name).ok()?;
     let node = Sparkplug::new(address, last, mqtt.takes_measured);
@@ -168,7 +168,8 @@ fn json(profile: &Profile, mqtt: &Mqtt) -> Json {
     })
 }
 
-/// Opens the queue of unpublished records on disk. If this fails, the event reports it, and the queue is in memory.
+/// Opens the queue of unpublished records on disk. If this fails, an event reports the error, and the queue is in
+/// memory.
 fn on_disk(mqtt: &Mqtt, directory: &Path, source: &dyn GatewayApi) -> RecordQueue {
     RecordQueue::on_disk(directory, mqtt.buffer).unwrap_or_else(|error| {
         let (broker, why) = (mqtt.broker.to_string(), error.to_string());
@@ -177,7 +178,7 @@ fn on_disk(mqtt: &Mqtt, directory: &Path, source: &dyn GatewayApi) -> RecordQueu
     })
 }
 
-/// Returns the subscriptions of the gateway with this profile.
+/// Returns the MQTT subscriptions that the gateway needs with this profile.
 fn subscriptions(profile: &Profile, mqtt: &Mqtt) -> Vec<Subscription> {
     let node = (mqtt.format == MqttFormat::SparkplugB).then(|| sparkplug(profile, mqtt, None)).flatten();
     node.map_or_else(|| json(profile, mqtt).subscriptions(), |node| node.subscriptions())

@@ -1,9 +1,9 @@
 //! Delivery of events to the servers of `[[notify]]` over HTTP. Each message is one JSON document.
 //!
 //! Each server has an [`Outbox`]. Code that reports an event adds a message to it without waiting. If the outbox is
-//! full, the oldest message is dropped. A separate thread sends the messages in order; no bus line and no web page
-//! waits for it. A failed message is sent again a few times, after growing pauses, and then given up. Events report
-//! when deliveries begin to fail, when they succeed again, and how many messages were lost.
+//! full, the oldest message is dropped. A separate thread sends the messages in order. Neither a bus line nor a web
+//! page waits for this thread. A failed message is sent again a few times, after growing pauses, and then given up.
+//! Events report when deliveries begin to fail, when they succeed again, and how many messages were lost.
 //!
 //! # Layout
 //! - `outbox`: the queue, and the selection of events. `message`: the document.
@@ -33,7 +33,7 @@ pub use outbox::Outbox;
 pub use post::{Failure, Post, Server};
 pub use token::read as read_token;
 
-/// TLS configuration with the trusted certificates. The error is the reason why there is none.
+/// TLS configuration with the trusted certificates. The error is the reason why no certificates can be trusted.
 pub type Trust = Result<Arc<ClientConfig>, String>;
 
 /// Function that receives the events about deliveries.
@@ -58,8 +58,8 @@ impl Outboxes {
         (!self.0.is_empty()).then(|| Arc::new(listener) as EventListener)
     }
 
-    /// Starts the thread that sends the messages. `trust` returns the trusted certificates for a server. Returns `None`
-    /// if there are no servers.
+    /// Starts the thread that sends the messages. `trust` is the function that returns the trusted certificates for a
+    /// server. Returns `None` if there are no servers.
     ///
     /// # Errors
     /// The system cannot start a thread.
@@ -105,8 +105,8 @@ pub struct Posting {
 }
 
 impl Posting {
-    /// Tries to send the waiting messages once more. Returns after [`stop::MESSAGES`] at most, or when `hurry` is
-    /// ready. Messages that were not delivered until then are reported.
+    /// Tries once more to send the waiting messages. Returns after [`stop::MESSAGES`] at most, or when `hurry` is
+    /// ready. Messages that were not delivered by then are reported.
     pub async fn finish(self, hurry: impl Future<Output = ()>) {
         self.stop.send_replace(true);
         tokio::select! {

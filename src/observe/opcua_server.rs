@@ -4,16 +4,16 @@
 //! clients ─► gate (limits) ─► library (loopback) ─► nodes ◄─ updates ◄─ status of the gateway
 //! ```
 //!
-//! A separate thread serves the clients. It reads the status that the web page shows. No bus line and no web page waits
-//! for it. Without a client, it does not read the status. Its priority is that of the other threads: a thread with a lower
-//! one could be interrupted for long while it holds the lock of the status.
+//! A separate thread serves the clients. It reads the status that the web page shows. Neither a bus line nor a web page
+//! waits for this thread. While no client is connected, the thread does not read the status. The thread has the normal
+//! priority. With a lower priority, it could be interrupted for long while it holds the lock of the status.
 //!
 //! # Layout
 //! - `catalogue`, `tree`: the fields of the status, and the nodes made of them.
 //! - `sampler`, `convert`, `units`: values, qualities, times and units of the nodes.
 //! - `nodes`, `measured`: the address space of the library, and the only method.
-//! - `users`, `pki`, `files`: who may log in. `refusals`, `reports`: reports about those who may not.
-//! - `gate`, `screen`, `door`: limits on connections and on messages, which nobody can pass by.
+//! - `users`, `pki`, `files`: who may log in. `refusals`, `reports`: reports about refused clients and logins.
+//! - `gate`, `screen`, `door`: limits on connections and on messages, which no client can bypass.
 //! - `setup`, `updates`, `event_feed`, `run`: start of the library, and its updates.
 
 use std::path::{Path, PathBuf};
@@ -51,9 +51,9 @@ mod users;
 
 pub use files::{Login, OwnCertificate, Secret, ServerFiles};
 
-/// Maximum number of threads that resolve host names.
+/// Maximum number of threads of this server that resolve host names.
 const LOOKUPS: usize = 1;
-/// Longest time for which the end of the gateway waits for the server.
+/// Maximum time for which the end of the gateway waits for the server.
 const LAST: Duration = Duration::from_secs(1);
 
 /// Running thread that serves OPC UA clients.
@@ -65,14 +65,14 @@ pub struct Serving {
     _thread: JoinHandle<()>,
 }
 
-/// Computer and place of a server.
+/// State directory and computer of a server.
 #[derive(Clone, Debug)]
 pub struct ServerPlace {
     /// State directory of the gateway.
     pub state: PathBuf,
     /// Name of this computer.
     pub hostname: String,
-    /// Maximum number of connections.
+    /// Maximum number of simultaneous connections.
     pub connections: usize,
 }
 

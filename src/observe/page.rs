@@ -17,7 +17,7 @@ const STYLE: &str = "text/css; charset=utf-8";
 const SCRIPT: &str = "text/javascript; charset=utf-8";
 const ICON: &str = "image/svg+xml";
 
-/// Makes the icon of a page with alarms, with their number in a red circle.
+/// Makes the icon of a page with alarms, with the number of alarms in a red circle.
 macro_rules! alarm_icon {
     ($count:literal) => {
         concat!(
@@ -74,8 +74,8 @@ const FILES: [(&str, &str, &str); 40] = [
     ("icon-9.svg", ICON, alarm_icon!("9+")),
 ];
 
-/// Modules of the wall view, its own one first. A browser loads them at once, and not one after the other as they import
-/// each other.
+/// Script modules of the wall view, its own module first. A browser loads them all at once, instead of one after the
+/// other as they import each other.
 const WALL_MODULES: [&str; 11] = [
     "wall.js",
     "bar.js",
@@ -90,7 +90,7 @@ const WALL_MODULES: [&str; 11] = [
     "words.js",
 ];
 
-/// Modules that only the front page has. It also has those of the wall view, except the first.
+/// Script modules that only the front page has. The front page also has the modules of the wall view, except the first.
 const FRONT_MODULES: [&str; 12] = [
     "main.js",
     "alarms.js",
@@ -106,7 +106,7 @@ const FRONT_MODULES: [&str; 12] = [
     "tables.js",
 ];
 
-/// Returns name, content type and content of a file of the web page. `None` if there is no such file.
+/// Returns name, content type and content of a file of the web page; `None` if the file does not exist.
 pub(super) fn file(name: &str) -> Option<(&'static str, &'static str, &'static str)> {
     FILES.into_iter().find(|(known, ..)| *known == name)
 }
@@ -143,7 +143,7 @@ pub(super) enum PageAction {
     MakeToken,
 }
 
-/// Example of a command that creates a token, and of the line for the profile.
+/// Example of a command that creates a token, and of the profile line that names the token file.
 const TOKEN_LINES: &str = "isotherm token --out /etc/isotherm/operator.token\n\
                            token_file = \"/etc/isotherm/operator.token\"   # below [web]";
 
@@ -359,7 +359,7 @@ fn commands(words: &Words, may: PageAction, is_signed_in: bool) -> Markup {
     }
 }
 
-/// Makes a table. The key of its title is also its id.
+/// Makes a table of the page. The key of its title is also the id of its element.
 fn table(words: &Words, id: &'static str, columns: &[&'static str]) -> Markup {
     html! {
         section .list {

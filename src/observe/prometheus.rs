@@ -1,4 +1,4 @@
-//! State of the gateway as Prometheus metrics. They are made from the status for each request.
+//! State of the gateway as Prometheus metrics. For each request, the metrics are made from the status.
 //!
 //! A value that is not known has no line; it is neither NaN nor zero. Lengths are in meters, because Prometheus uses
 //! base units. Counters exist from the start of the gateway, so that their first count is an increase.
@@ -11,7 +11,7 @@ use super::status::{AxisStatus, BusStatus, DeviceStatus, OutputStatus, ProbeStat
 use isotherm_core::compensation::{AxisState, Stages};
 use isotherm_core::display::Display;
 
-/// Gauges, with their help texts.
+/// Names of the gauges, with their help texts.
 const GAUGES: [(&str, &str); 36] = [
     ("isotherm_axis_verified_cz_meters", "Compensation that was last verified in the control."),
     ("isotherm_axis_verified_age_seconds", "Time since the compensation was verified."),
@@ -75,7 +75,7 @@ const GAUGES: [(&str, &str); 36] = [
     ("isotherm_build_info", "Always 1; the version is the label."),
 ];
 
-/// Counters, with their help texts.
+/// Names of the counters, with their help texts.
 const COUNTERS: [(&str, &str); 11] = [
     ("isotherm_device_requests_total", "Requests sent."),
     ("isotherm_device_failures_total", "Requests that failed, by cause."),
@@ -104,12 +104,12 @@ pub(super) fn exposition(status: &Status, refused: &[(&'static str, u64)]) -> St
     text
 }
 
-/// Lines of the metrics, by the name of their metric. Each line contains labels and value.
+/// Lines of the metrics. The key is the name of the metric. Each line contains labels and value.
 #[derive(Default)]
 struct Samples(BTreeMap<&'static str, String>);
 
 impl Samples {
-    /// Adds a gauge. A value that is not known or infinite has no line.
+    /// Adds a gauge. A value that is unknown or infinite gets no line.
     fn set(&mut self, name: &'static str, labels: &str, value: Option<f64>) {
         if let Some(value) = value.filter(|value| value.is_finite()) {
             self.add(name, labels, &value);
@@ -338,8 +338,8 @@ fn head(text: &mut String, name: &str, help: &str, kind: &str) {
     ));
 }
 
-/// Writes the buckets of a histogram. Each has its upper bound in seconds, and the number of values between the
-/// previous bound and this one.
+/// Writes the buckets of a histogram. Each bucket has its upper bound in seconds, and the number of values between the
+/// previous bound and this bound.
 fn write_buckets(text: &mut String, name: &str, named: &str, buckets: impl Iterator<Item = (f64, u64)>) {
     let mut total = 0_u64;
     for (bound, count) in buckets {

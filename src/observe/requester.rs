@@ -1,9 +1,10 @@
 //! Requester of a command: its channel, its deadline, and whether it still waits for the answer.
 //!
-//! **A command begins within its deadline or never.** A requester waits [`ANSWER_TIMEOUT`] for an answer. If the
-//! gateway is suspended, a request may wait in a socket for longer, and is then dropped. The commands of isotherm send
-//! their deadline, by a clock that they share with the gateway. For other requesters, the gateway checks their
-//! connection, and for how long it did not serve the sockets ([`ServiceTimes`]).
+//! **A command begins within its deadline, or it is dropped.** A requester waits [`ANSWER_TIMEOUT`] for an answer. If
+//! the gateway is suspended, a request may wait in a socket for longer than that; such a request is dropped. The
+//! commands of isotherm send their deadline, by a clock that they share with the gateway. For other requesters, the
+//! gateway checks two things: their connection, and for how long the gateway did not serve the sockets
+//! ([`ServiceTimes`]).
 
 use std::fmt;
 use std::os::fd::AsFd;
@@ -20,7 +21,7 @@ use crate::clock::{BootClock, Ticks};
 pub const ANSWER_TIMEOUT: Duration = Duration::from_secs(5);
 /// Interval at which [`ServiceTimes`] records that the sockets are served.
 const LOOK_EVERY: Duration = Duration::from_secs(1);
-/// Length up to which [`ServiceTimes`] records no gap, in milliseconds.
+/// Maximum time between two services of the sockets that does not count as a gap, in milliseconds.
 const SHORTEST_GAP: u64 = 1100;
 
 /// Channel over which a command was received.
@@ -67,10 +68,10 @@ pub struct Requester {
     pub way: Channel,
     /// Address of the requester, or name and uid of a user.
     pub who: String,
-    /// Deadline of the request, as time since the start of the computer. `None` if the request has none.
+    /// Deadline of the request, as time since the start of the computer; `None` if the request has no deadline.
     until: Option<Duration>,
-    /// Connection of the requester. The requester has disconnected if either end is closed. The weak reference keeps no
-    /// file descriptor open.
+    /// Connection of the requester. The requester has disconnected if either end is closed. A weak reference does not
+    /// keep the file descriptor open.
     connection: Option<Weak<Connection>>,
     stays: bool,
 }
@@ -87,7 +88,8 @@ impl Requester {
         Requester { way, who: who.into(), until: None, connection: None, stays: false }
     }
 
-    /// Sets the deadline, as time since the start of the computer. It is at most [`ANSWER_TIMEOUT`] from now.
+    /// Sets the deadline, as time since the start of the computer. A deadline later than [`ANSWER_TIMEOUT`] from now is
+    /// shortened.
     #[must_use]
     pub fn until(self, until: Duration) -> Requester {
         let longest = BootClock::default().passed() + ANSWER_TIMEOUT;
@@ -100,13 +102,13 @@ impl Requester {
         Requester { connection: Some(Arc::downgrade(connection)), ..self }
     }
 
-    /// Lets the request end as soon as the requester disconnects, even if it has begun.
+    /// Makes the request end as soon as the requester disconnects, even if the request has already begun.
     #[must_use]
     pub fn staying(self) -> Requester {
         Requester { stays: true, ..self }
     }
 
-    /// Returns the reason why it is too late to begin the request, as a sentence. `None` if it may begin.
+    /// Returns the reason why it is too late to begin the request, as a sentence; `None` if the request may begin.
     pub fn has_lapsed(&self) -> Option<String> {
         if self.until.is_some_and(|until| BootClock::default().passed() >= until) {
             return Some(format!("the request had to wait longer than {} s", ANSWER_TIMEOUT.as_secs()));
@@ -114,14 +116,15 @@ impl Requester {
         self.is_gone().then(|| "the client that sent the request has disconnected".to_owned())
     }
 
-    /// Returns whether the request must end because its requester has disconnected. Always `false` without
-    /// [`Requester::staying`].
+    /// Returns whether the request must end because its requester has disconnected. The result is always `false` if
+    /// [`Requester::staying`] was not called.
     pub fn has_left(&self) -> bool {
         self.stays && self.is_gone()
     }
 
-    /// Returns whether the requester has closed its connection. On the command socket, a requester that has only
-    /// finished sending still waits, as in `echo arm | nc -U`. Over TCP, both cases look the same, and count as closed.
+    /// Returns whether the requester has closed its connection. On the command socket, a requester may have finished
+    /// sending but still wait, as in `echo arm | nc -U`. Such a connection does not count as closed. Over TCP, the two
+    /// cases look the same, and both count as closed.
     fn is_gone(&self) -> bool {
         let Some(connection) = &self.connection else { return false };
         let Some(connection) = connection.upgrade() else { return true };
@@ -135,7 +138,8 @@ impl Requester {
     }
 }
 
-/// Record of when the gateway served its sockets. It limits for how long a request can have waited in a socket.
+/// Times at which the gateway served its sockets. From these times, the gateway calculates how long a request may have
+/// waited in a socket.
 #[derive(Clone, Debug, Default)]
 pub struct ServiceTimes(Arc<SampleTimes>);
 
@@ -153,7 +157,7 @@ fn now() -> u64 {
 }
 
 impl ServiceTimes {
-    /// Records that the sockets are served, in an endless loop.
+    /// Records in an endless loop that the sockets are served.
     pub async fn keep(&self) {
         let mut ticks = Ticks::every(LOOK_EVERY);
         loop {
@@ -171,7 +175,7 @@ impl ServiceTimes {
     }
 
     /// Returns the maximum time for which a request that is received at `now` may have waited in its socket. Within a
-    /// second after a gap, the request may have come before the gap.
+    /// second after a gap, the request may have arrived before the gap.
     fn longest_wait(&self, now: u64) -> Duration {
         let [last, before, after] =
             [&self.0.last, &self.0.before, &self.0.after].map(|moment| moment.load(Ordering::Relaxed));
@@ -179,7 +183,7 @@ impl ServiceTimes {
         Duration::from_millis(if since == 0 { 0 } else { now.saturating_sub(since) })
     }
 
-    /// Returns the deadline of a requester that sends none, as time since the start of the computer.
+    /// Returns a deadline for a requester that sends none, as time since the start of the computer.
     pub fn until(&self) -> Duration {
         let now = now();
         (Duration::from_millis(now) + ANSWER_TIMEOUT).saturating_sub(self.longest_wait(now))

@@ -40,7 +40,7 @@ pub trait GatewayApi: Send + Sync + 'static {
     fn status(&self) -> Status;
 
     /// Carries out a command for one axis, or for all if `axis` is `None`. The answer contains a sentence for display.
-    /// A command whose deadline is over is dropped.
+    /// A command is dropped if its deadline has passed.
     ///
     /// # Errors
     /// The command is refused; the error is a sentence.
@@ -227,7 +227,7 @@ pub struct Status {
     pub left: Vec<FormerRegisterStatus>,
     /// Number of log rows that were lost because the queue for the disk was full.
     pub log_dropped: u64,
-    /// Returns the active alarms, newest first.
+    /// Active alarms, newest first.
     pub alarms: Vec<Alarm>,
     /// Last events, oldest first.
     pub events: Vec<Entry>,
@@ -235,15 +235,15 @@ pub struct Status {
     pub event_counts: BTreeMap<&'static str, u64>,
     /// State of publishing to an MQTT broker; `None` if nothing is published.
     pub mqtt: Option<BrokerStatus>,
-    /// Histogram of the times for which the lock of the shared state was held: upper bounds in seconds, with their
-    /// counts.
+    /// Histogram of the durations for which the lock of the shared state was held: upper bounds in seconds, with the
+    /// number of durations.
     #[serde(skip)]
     pub lock_held: Vec<(f64, u64)>,
 }
 
 impl Status {
     /// Returns the reasons why the machine is not compensated at present, although the operator intends it. The list is
-    /// empty if there are none.
+    /// empty if there are no reasons.
     pub fn missing(&self) -> Vec<String> {
         let sentence = |kind: &str, name: &str, state: &str, why: &str| match why {
             "" => format!("{kind} {name}: {state}"),
@@ -267,8 +267,8 @@ impl Status {
 }
 
 impl AxisStatus {
-    /// Returns whether the axis should compensate. `false` for an axis without a model, for one that the operator has
-    /// switched off, and for one that releases a register.
+    /// Returns whether the axis should compensate. `false` if the axis has no model, if the operator has switched the
+    /// axis off, or if the axis releases a register.
     pub fn is_wanted(&self) -> bool {
         self.has_model && !self.arming.left_off && !self.arming.release
     }
@@ -280,12 +280,12 @@ impl AxisStatus {
 }
 
 impl DeviceStatus {
-    /// Causes of failed requests, as they are named in the status and in the metrics.
+    /// Causes of failed requests, by their names in the status and in the metrics.
     pub const BLAMES: [&'static str; 5] = ["caller", "link", "peer", "exception", "timeout"];
 }
 
 impl OutputStatus {
-    /// States of an output, as they are named in the status and in the metrics.
+    /// States of an output, by their names in the status and in the metrics.
     pub const STATES: [&'static str; 6] =
         ["off", "unknown", "verified", "unverified", "interlocked", "foreign"];
 

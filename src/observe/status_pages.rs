@@ -1,4 +1,5 @@
-//! Pages of a status: parts of its lists, for the web page of a machine with many devices.
+//! Pages of a status for the web page of a machine with many devices. Each page contains parts of the lists of the
+//! status.
 
 use std::cmp::Reverse;
 use std::collections::{BTreeMap, HashMap, HashSet};
@@ -12,15 +13,15 @@ use super::status::{
 };
 use isotherm_profile::Overridden;
 
-/// Number of devices on a page.
+/// Maximum number of devices on a page.
 const DEVICES: usize = 50;
-/// Maximum number of axes in the same state that are on every page. The web page names one less.
+/// Maximum number of axes in the same state that every page contains. The web page names one less.
 const MOST_OF_A_KIND: usize = 5;
-/// Maximum number of alarms on a page. If a switch fails, each device of a large machine has some.
+/// Maximum number of alarms on a page. If a network switch fails, each device of a large machine may have alarms.
 const ALARMS: usize = 100;
 
 /// Page of a status: some devices with their buses, signals, outputs and axes, and facts about the whole machine. All
-/// other fields are those of [`Status`].
+/// other fields have the same meaning as in [`Status`].
 #[derive(Debug, Serialize)]
 pub(super) struct StatusPage<'s> {
     machine: &'s str,
@@ -49,12 +50,12 @@ pub(super) struct StatusPage<'s> {
     event_counts: &'s BTreeMap<&'static str, u64>,
     mqtt: Option<&'s BrokerStatus>,
     page: PageNumber,
-    /// Facts about all pages; `None` if this is the only one.
+    /// Facts about all pages; `None` if the status has only one page.
     #[serde(skip_serializing_if = "Option::is_none")]
     whole: Option<WholeMachine<'s>>,
 }
 
-/// Number of a page, counted from 1, and number of all pages.
+/// Number of a page, counted from 1, and the number of all pages.
 #[derive(Debug, Serialize)]
 struct PageNumber {
     number: usize,
@@ -72,15 +73,16 @@ struct WholeMachine<'s> {
     lost: usize,
     /// Number of signals that are not `good`.
     bad: usize,
-    /// Number of all alarms. The page has the most urgent ones.
+    /// Number of all alarms. The page contains only the most urgent alarms.
     alarm_count: usize,
-    /// Page with the subject of an alarm, by the alarm's `id`. Alarms that belong to this page, or to none, are left out.
+    /// Number of the page with the subject of an alarm. The key is the `id` of the alarm. Alarms of this page, and
+    /// alarms without a page, are left out.
     alarm_pages: BTreeMap<&'s str, usize>,
 }
 
 impl StatusPage<'_> {
-    /// Returns a page of the status. A number beyond the last page is that page. A machine with few devices has one
-    /// page.
+    /// Returns a page of the status. If `number` is beyond the last page, the last page is returned. A machine with few
+    /// devices has one page.
     pub(super) fn of(status: &Status, number: usize) -> StatusPage<'_> {
         let of = status.devices.len().div_ceil(DEVICES).max(1);
         let number = number.clamp(1, of);
@@ -140,7 +142,8 @@ fn most_urgent(alarms: &[Alarm]) -> Vec<&Alarm> {
     alarms
 }
 
-/// Returns the pages of alarms whose subject is on another page than this one, by their `id`.
+/// Returns the number of the page of each alarm whose subject is on another page than `number`. The key is the `id` of
+/// the alarm.
 fn pages_elsewhere<'s>(status: &'s Status, number: usize, alarms: &[&'s Alarm]) -> BTreeMap<&'s str, usize> {
     if alarms.is_empty() {
         return BTreeMap::new();
@@ -155,7 +158,7 @@ fn pages_elsewhere<'s>(status: &'s Status, number: usize, alarms: &[&'s Alarm]) 
     alarms.iter().filter_map(elsewhere).collect()
 }
 
-/// Returns the first page of each device, bus, signal, output and axis, by its name.
+/// Returns the number of the first page of each device, bus, signal, output and axis. The key is the name.
 fn pages_by_name(status: &Status) -> HashMap<&str, usize> {
     let devices = status.devices.iter().enumerate();
     let devices: HashMap<&str, usize> =

@@ -1,5 +1,5 @@
-//! Rows of one log from a given time on. A binary search finds the first of them, so that the file need not be read
-//! from its start.
+//! Rows of one decision log from a given time on. A binary search finds the first row, so that the file need not be
+//! read from its start.
 
 use std::fs::File;
 use std::io::{BufRead, BufReader, Seek, SeekFrom};
@@ -49,7 +49,7 @@ fn moment(cell: &[u8]) -> Option<Moment> {
     time::parse(std::str::from_utf8(cell).ok()?).ok()
 }
 
-/// Returns the names of the columns, and the rows from about `from` on. `None` if the log cannot be read.
+/// Returns the names of the columns, and the rows from about the time `from` on. `None` if the log cannot be read.
 pub(super) fn rows(log: &Path, from: Moment) -> Option<(Vec<String>, impl Iterator<Item = Row>)> {
     let mut file = BufReader::new(safe_file::open(log).ok()?);
     let mut header = Vec::new();

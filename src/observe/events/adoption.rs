@@ -29,7 +29,7 @@ pub enum Adoption {
         /// Residual error that the candidate would have left.
         #[serde(rename = "candidate_um")]
         candidate: Micron,
-        /// Whether the gateway adopts the candidate at the next datum.
+        /// Whether the gateway adopts the candidate automatically at the next datum (zero point of Cz).
         auto: bool,
     },
     /// The preferred model of an axis has changed. Cz has not moved.
@@ -65,7 +65,7 @@ impl Adoption {
         match self {
             Adoption::Better { axis, model, since, days, touches, in_use, candidate, auto } => {
                 let next = match auto {
-                    true => "the gateway adopts it at the next datum",
+                    true => "the gateway adopts it at the next datum (zero point of Cz)",
                     false => "an operator may adopt it; Cz does not move",
                 };
                 let basis = format!("{}, touches: {touches}", counted(*days, "day"));

@@ -1,7 +1,7 @@
 //! Alarms: faults that have not ended. One event raises an alarm, another event ends it.
 //!
-//! An operator acknowledges an alarm after seeing it. This only marks the alarm. If the same alarm is raised again, the
-//! new alarm is not acknowledged.
+//! An operator acknowledges an alarm after seeing it. The acknowledgement only marks the alarm. If the same alarm is
+//! raised again, the new alarm is not acknowledged.
 
 use std::collections::BTreeMap;
 
@@ -59,7 +59,7 @@ pub struct Change {
 pub(super) struct Alarms(BTreeMap<String, Alarm>);
 
 impl Alarms {
-    /// Raises and ends the alarms of an event, as its entry in the catalogue says.
+    /// Raises and ends the alarms of an event, as the catalogue of the events defines.
     pub(super) fn note(&mut self, kind: EventKind, entry: &Entry) -> Change {
         let raised = kind.raises().filter(|_| entry.level != Level::Info);
         let ends: &[&str] = if raised.is_some() { &[] } else { kind.ends() };
@@ -93,8 +93,8 @@ impl Alarms {
         all
     }
 
-    /// Acknowledges one alarm, or all of them if `id` is `None`. Returns the number of alarms that were not
-    /// acknowledged before. `None` if there is no such alarm.
+    /// Acknowledges one alarm, or all alarms if `id` is `None`. Returns the number of alarms that were not acknowledged
+    /// before. Returns `None` if the alarm does not exist.
     pub(super) fn acknowledge(&mut self, id: Option<&str>, seen: &Acknowledgement) -> Option<usize> {
         let meant = self.0.values_mut().filter(|alarm| id.is_none_or(|id| id == alarm.id));
         let mut meant = meant.peekable();
@@ -104,7 +104,8 @@ impl Alarms {
     }
 }
 
-/// Returns the subject of an alarm: in the pattern, `{axis}` is replaced by the field `axis` of the event's data.
+/// Returns the subject of an alarm. In the pattern, a name such as `{axis}` is replaced by the field of the event's
+/// data with this name.
 fn id_of(pattern: &str, data: &Value) -> String {
     let parts = pattern.split(['{', '}']).enumerate();
     parts

@@ -11,7 +11,7 @@ use isotherm_profile::counted;
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 #[serde(untagged)]
 pub enum Broker {
-    /// The connection is lost, or cannot be made. The event is reported again only after the broker was connected in
+    /// The connection is lost, or cannot be made. A later failure is reported only after the connection has worked in
     /// between.
     Down {
         /// Address of the broker.
@@ -40,7 +40,8 @@ pub enum Broker {
         /// Error message of the system.
         why: String,
     },
-    /// The broker refused a subscription. The event is reported again only after the broker accepted it in between.
+    /// The broker refused a subscription. A later refusal is reported only after the broker has accepted the
+    /// subscription in between.
     SubscriptionRefused {
         /// Address of the broker.
         broker: String,
@@ -100,7 +101,7 @@ impl Broker {
                     .of(EventKind::BrokerNotKept)
             }
             Broker::SubscriptionRefused { broker, topic } => {
-                caused(topic, format!("{broker} refuses this subscription, and no message of it arrives"))
+                caused(topic, format!("{broker} refuses this subscription, so no message for it arrives"))
                     .of(EventKind::BrokerSubscriptionRefused)
             }
             Broker::Subscribed { broker, topic } => {

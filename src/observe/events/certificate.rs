@@ -57,7 +57,7 @@ pub enum CertificateOwner {
 }
 
 impl CertificateOwner {
-    /// Returns the word for the owner.
+    /// Returns the word for the owner in messages.
     const fn word(self) -> &'static str {
         match self {
             CertificateOwner::Gateway => "gateway",
@@ -68,7 +68,7 @@ impl CertificateOwner {
         }
     }
 
-    /// Returns the bus or the server that uses a certificate of this owner.
+    /// Returns the name of the bus or of the server that uses a certificate of this owner, for messages.
     fn user(self, bus: &str) -> String {
         match self {
             CertificateOwner::OwnServer | CertificateOwner::Client => "the OPC UA server".to_owned(),
@@ -88,7 +88,7 @@ fn day_and_time(moment: Moment) -> String {
 }
 
 impl EarlyCertificate {
-    /// Cause and remedy as a sentence.
+    /// Returns cause and remedy as a sentence.
     #[must_use]
     pub fn sentence(&self) -> String {
         self.described().text()
@@ -103,7 +103,7 @@ impl EarlyCertificate {
 }
 
 impl Expiry {
-    /// Cause and remedy as a sentence.
+    /// Returns cause and remedy as a sentence.
     #[must_use]
     pub fn sentence(&self) -> String {
         self.described().text()

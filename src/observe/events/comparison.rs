@@ -1,4 +1,4 @@
-//! Events of the comparison of a model with no compensation.
+//! Events about the comparison of the errors with a model and without compensation.
 
 use serde::Serialize;
 
@@ -15,8 +15,8 @@ pub enum Comparison {
     Worse {
         /// Axis of the model.
         axis: String,
-        /// Number of probings that show that the model is worse; 0 if all were taken before the last datum (zero point
-        /// of Cz).
+        /// Number of probings (measurements with a probe) that show that the model is worse; 0 if all were made before
+        /// the last datum (zero point of Cz).
         touches: usize,
         /// Root mean square of the error without compensation.
         #[serde(rename = "without_um")]

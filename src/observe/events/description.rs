@@ -6,7 +6,7 @@ use isotherm_core::events::{EventKind, Level};
 use isotherm_core::explained::Explained;
 use serde_json::Value;
 
-/// Sentence of an event, before level and hint of the catalogue are added.
+/// Sentence of an event, before the level and the hint from the catalogue are added.
 pub(super) struct Sentence {
     about: String,
     why: Option<Explained>,
@@ -25,7 +25,8 @@ pub(super) fn caused(about: impl Into<String>, why: impl Into<Explained>) -> Sen
     Sentence { why: Some(why.into()), ..plain(about) }
 }
 
-/// Returns the hint of the catalogue for this kind. Each `{name}` in it is replaced by the value of this field.
+/// Returns the hint that the catalogue has for this kind. Each `{name}` in the hint is replaced by the value of the
+/// field `name`.
 pub(super) fn hint_with(kind: EventKind, fields: &[(&str, &str)]) -> String {
     let hint = kind.hint().unwrap_or_default().to_owned();
     fields.iter().fold(hint, |hint, (name, value)| hint.replace(&format!("{{{name}}}"), value))
@@ -68,14 +69,14 @@ pub(super) struct EventDescription {
 }
 
 impl EventDescription {
-    /// Returns the text of the event: subject, cause and hint.
+    /// Returns the full text of the event: subject, cause and hint.
     pub(super) fn text(&self) -> String {
         let why = self.why.iter().map(ToString::to_string).filter(|why| !why.is_empty());
         let about = Some(&self.about).filter(|about| !about.is_empty()).cloned();
         about.into_iter().chain(why).collect::<Vec<_>>().join(": ")
     }
 
-    /// Returns the text of the event: subject and cause.
+    /// Returns the text of the event without the hint: subject and cause.
     pub(super) fn text_without_hint(mut self) -> String {
         self.why.iter_mut().for_each(|why| why.hint = None);
         self.text()

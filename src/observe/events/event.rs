@@ -26,7 +26,7 @@ use isotherm_core::output::HandshakeFault;
 use isotherm_core::quantity::{Micron, Moment};
 use isotherm_profile::{counted, duration_text};
 
-/// Hint about an OPC UA node that has not taken the written value.
+/// Hint about an OPC UA node that still has its old value after a write.
 const NODE_KEEPS_VALUE: &str = "the server answered Good and kept the old value: does another client write \
                                 the node, is writing enabled?";
 
@@ -34,7 +34,7 @@ fn seconds(span: &Duration) -> String {
     duration_text(Duration::from_secs(span.as_secs()))
 }
 
-/// Formats a measured span in tenths of a second, for example `1 s` or `0.8 s`.
+/// Formats a measured duration in tenths of a second, for example `1 s` or `0.8 s`.
 fn about(span: Duration) -> String {
     let tenths = (span.as_secs_f64() * 10.0).round();
     format!("{} s", tenths / 10.0)
@@ -49,7 +49,7 @@ fn listed(names: &[String]) -> String {
     }
 }
 
-/// Kind of a variant: the kind with the same name, unless the declaration gives another one.
+/// Kind of an event variant. By default, the kind has the same name as the variant.
 macro_rules! kind {
     ($name:ident) => {
         EventKind::$name
@@ -119,8 +119,8 @@ events! {
             bus: String,
             address: String,
             fault: Explained,
-            /// Whether neither the power nor the cable of the device can be the cause. The hint of the catalogue, which
-            /// names them, is then omitted.
+            /// Whether the power supply and the cable of the device are certainly not the cause. The hint of the
+            /// catalogue, which names them, is then omitted.
             #[serde(skip)]
             excludes_wiring: bool,
         } => {
@@ -134,7 +134,7 @@ events! {
         DeviceBack { device: String, at: String, missed: u64 } =>
             plain(format!("device {device}{at}: answers again, after {}", counted(missed, "failure")));
         NotAsExpected { device: String, found: Explained } => caused(format!("device {device}"), found.clone());
-        AsExpected { device: String } => plain(format!("device {device}: set as the profile expects it"));
+        AsExpected { device: String } => plain(format!("device {device}: its settings agree with the profile"));
         SignalBad { signal: String, reason: Explained } => caused(format!("signal {signal}"), reason.clone());
         SignalGood {
             signal: String,
@@ -159,7 +159,7 @@ events! {
             from: &'static str,
             to: &'static str,
             why: Explained,
-            /// Whether the gateway was asked to stop. The new state is then no fault.
+            /// Whether the gateway was asked to stop. In this case, the new state is not a fault.
             #[serde(skip)]
             stopping: bool,
         } => {
@@ -485,7 +485,7 @@ events! {
         } => caused(
             format!("bus {bus}"),
             format!(
-                "the Modbus gateway waits for a silent unit: the gateway's own timeout (about {}) is longer than \
+                "the Modbus gateway waits for a silent unit: the timeout of the Modbus gateway (about {}) is longer than \
                  `timeout` ({})",
                 about(*own),
                 duration_text(*timeout)

@@ -21,8 +21,7 @@ const SEAL: &str = ",\"seal\":\"";
 /// Maximum size of the file of one day, in bytes. Later events of that day are counted, but not written. A reader reads
 /// at most twice this size.
 pub const LARGEST: usize = 16 << 20;
-/// Number of bytes at the end of a file that are read for the last events. [`DAYS_BACK`] is the maximum number of files
-/// that are read.
+/// Number of bytes at the end of a file that are read for the last events. At most [`DAYS_BACK`] files are read.
 const TAIL: u64 = 256 << 10;
 const DAYS_BACK: usize = 7;
 /// CRC-32 as in Ethernet and gzip (ITU-T V.42).
@@ -36,7 +35,7 @@ struct Line {
     entry: Entry,
 }
 
-/// State at the end of a file, which the next line needs.
+/// State at the end of an event file, from which the next line is made.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct End {
     count: u64,
@@ -147,8 +146,8 @@ pub fn read(path: &Path, mut found: impl FnMut(FileItem)) -> std::io::Result<End
     Ok(end)
 }
 
-/// Parses a line of the event file. Returns its content and its seal (checksum): `Err` if the seal is not the checksum
-/// of the line. `None` if the line is no event.
+/// Parses a line of the event file; `None` if the line is no event. Returns the content of the line and its seal
+/// (checksum). The seal is `Err` if it is not the checksum of the line.
 fn sealed(text: &str) -> Option<(Line, Result<String, String>)> {
     let line = serde_json::from_str(text).ok()?;
     let (sealed, seal) = text.rsplit_once(SEAL)?;
@@ -184,7 +183,7 @@ fn files(directory: &Path) -> std::io::Result<Vec<(String, String)>> {
     Ok(files)
 }
 
-/// Returns the machines that have event files in this directory.
+/// Returns the names of the machines that have event files in this directory.
 ///
 /// # Errors
 /// The directory cannot be read.
@@ -205,7 +204,7 @@ pub fn begin(text: &str, now: Moment) -> Result<Moment, String> {
         return Ok(now.before(span));
     }
     time::parse(text).map_err(|_| {
-        format!("`{text}` is no time: write a span, as 12h, or a moment, as 2026-01-31T18:00:00Z")
+        format!("`{text}` is no time: write a duration such as 12h, or a time such as 2026-01-31T18:00:00Z")
     })
 }
 

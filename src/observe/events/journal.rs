@@ -1,4 +1,5 @@
-//! Event journal: the events of a run. It logs, counts and shows each event, and stores it until it is on disk.
+//! Event journal of a run of the gateway. The journal logs, counts and shows each event, and stores it in memory until
+//! it is on disk.
 
 use std::borrow::Cow;
 use std::collections::{BTreeMap, VecDeque};
@@ -30,7 +31,7 @@ pub struct Entry {
     /// Severity of the event.
     #[schemars(schema_with = "super::data::level_schema")]
     pub level: Level,
-    /// Sentence for people.
+    /// Text of the event for people.
     pub text: String,
     /// Values that the sentence contains, for programs.
     #[serde(default, skip_serializing_if = "serde_json::Value::is_null")]
@@ -52,13 +53,13 @@ pub struct ReportedEvent<'a> {
 /// journal, and delays the code that reports the event, possibly a line task.
 pub type EventListener = Arc<dyn Fn(ReportedEvent<'_>) + Send + Sync>;
 
-/// Text of an event in the log of the program.
+/// Extent of an event's text in the log of the program.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum LoggedText {
     /// Subject, cause and hint.
     #[default]
     WithHint,
-    /// Subject and cause. A verb that prints the hints itself uses it.
+    /// Subject and cause. A command that prints the hints itself uses this variant.
     WithoutHint,
 }
 
@@ -82,7 +83,7 @@ struct Pages {
     last: VecDeque<Entry>,
     counts: BTreeMap<&'static str, u64>,
     alarms: Alarms,
-    /// Number of events in `last` that were reported before the start.
+    /// Number of events in `last` that earlier runs reported, before this start of the gateway.
     restored: usize,
     unkept: Option<UnsavedEvents>,
 }
@@ -118,7 +119,7 @@ impl UnsavedEvents {
 }
 
 impl Journal {
-    /// Creates an event journal without events.
+    /// Creates an empty event journal.
     pub fn by(clock: &Clock) -> Journal {
         Journal {
             clock: clock.clone(),
@@ -134,7 +135,7 @@ impl Journal {
         Journal { listener, ..self }
     }
 
-    /// Sets the text of events in the log.
+    /// Sets the extent of an event's text in the log.
     #[must_use]
     pub fn logging(self, logged_text: LoggedText) -> Journal {
         Journal { logged_text, ..self }
@@ -178,14 +179,15 @@ impl Journal {
         self.pages().alarms.all()
     }
 
-    /// Acknowledges one alarm, or all active ones if `id` is `None`. Returns the number of alarms that were not
-    /// acknowledged before. `None` if there is no such alarm.
+    /// Acknowledges one alarm, or all active alarms if `id` is `None`. Returns the number of alarms that were not
+    /// acknowledged before. Returns `None` if the alarm does not exist.
     pub fn acknowledge(&self, at: Moment, id: Option<&str>, by: String) -> Option<usize> {
         let seen = Acknowledgement { at: self.clock.stamp(at).to_string(), by };
         self.pages().alarms.acknowledge(id, &seen)
     }
 
-    /// Adds events from before the start, oldest first. They are shown, but neither counted nor written to disk again.
+    /// Adds events that were reported before the start, oldest first. They are shown, but neither counted nor written
+    /// to disk again.
     pub fn recall(&self, before: Vec<Entry>) {
         let mut pages = self.pages();
         let since = std::mem::take(&mut pages.last);
@@ -204,7 +206,7 @@ impl Journal {
         pages.unkept = Some(UnsavedEvents { entries, lost: 0, wake: Some(Box::new(wake)) });
     }
 
-    /// Stops calling `wake`, because the writer ends.
+    /// Removes the callback `wake`, because the writer ends.
     pub fn wake_nobody(&self) {
         if let Some(unkept) = &mut self.pages().unkept {
             unkept.wake = None;
@@ -217,7 +219,7 @@ impl Journal {
         pages.unkept.iter().flat_map(|unkept| &unkept.entries).take(most).cloned().collect()
     }
 
-    /// Removes the oldest event that waits for the disk, because it was written.
+    /// Removes the oldest unsaved event, because it was written to disk.
     pub fn kept(&self) {
         if let Some(unkept) = &mut self.pages().unkept {
             unkept.entries.pop_front();

@@ -1,4 +1,4 @@
-//! Events about the port of the web page, and about its access tokens.
+//! Events about the listening port and the access tokens of the web page.
 
 use serde::Serialize;
 
@@ -6,7 +6,7 @@ use super::description::{EventDescription, caused, plain};
 use isotherm_core::events::EventKind;
 use isotherm_core::explained::Explained;
 
-/// Change in the port of the web page, if the profile requires the page.
+/// Change in the listening port of the web page, which the profile requires.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 #[serde(untagged)]
 pub enum PagePort {

@@ -1,4 +1,4 @@
-//! Events about a rejected or suspected sensor: the beginning and the end of its stand-in.
+//! Events about a frozen or lost sensor: begin and end of its stand-in, which is a value estimated from other sensors.
 
 use std::time::Duration;
 
@@ -26,7 +26,7 @@ pub enum StandIn {
         /// Time since the fault began.
         #[serde(rename = "for_s", serialize_with = "in_seconds")]
         span: Duration,
-        /// Number of sensors from which the stand-in is calculated; `None` without a stand-in.
+        /// Number of sensors from which the stand-in is calculated; `None` if there is no stand-in.
         others: Option<usize>,
     },
     /// The sensor no longer has a stand-in (value estimated from other sensors).

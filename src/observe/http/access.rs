@@ -10,10 +10,11 @@
 //! | any other | `/healthz`, and the sign-in page | no |
 //!
 //! A client is on this computer if it connects over loopback without a proxy. A client behind one of `trusted_proxies`
-//! never is; its address is the one that the proxy reports. As the host, its request must name
-//! `localhost`, an IP address, or a name of the profile. This protects against DNS rebinding: another site lets one of
-//! its own names point to this computer, so that its scripts could read and command as if they were those of the page.
-//! With an IP address, this attack is not possible.
+//! is never on this computer; its address is the address that the proxy reports.
+//!
+//! The host in the request of a client on this computer must be `localhost`, an IP address, or a name from the profile.
+//! This protects against DNS rebinding: another site lets one of its own names point to this computer. Scripts of that
+//! site could then read and command like scripts of the page. With an IP address, this attack is not possible.
 
 use std::net::{IpAddr, SocketAddr};
 use std::sync::{Mutex, MutexGuard, PoisonError};
@@ -39,11 +40,11 @@ use crate::observe::events::{Event, PageToken};
 use crate::observe::requester::{Channel, Requester};
 use crate::observe::status::Command;
 
-/// Interval of the checks for changed token files, and for wrong tokens to report.
+/// Interval at which changed token files are read and wrong tokens are reported.
 const LOOK_EVERY: Duration = Duration::from_secs(1);
-/// Paths that every client may read, because the sign-in page consists of them.
+/// Paths that every client may read, because the sign-in page needs them.
 const FOR_EVERYBODY: [&str; 4] = ["/healthz", "/login", "/page/login.css", "/page/icon.svg"];
-/// The only path that a scraper may read.
+/// Only path that a client with the scraper's token may read.
 const FOR_SCRAPERS: &str = "/metrics";
 const LOGOUT: &str = "/api/logout";
 
@@ -75,7 +76,7 @@ pub(super) struct Access {
     commands: Commands,
     hosts: Vec<String>,
     listens_at: SocketAddr,
-    /// Scheme of this server. A trusted proxy may report another one, which its clients see.
+    /// Scheme of this server. A trusted proxy may report another scheme, which its clients use.
     scheme: Scheme,
     tokens: Tokens,
     sessions: Mutex<Sessions>,
@@ -154,7 +155,7 @@ impl Access {
         }
     }
 
-    /// Reads changed token files and reports wrong tokens, in an endless loop.
+    /// Runs an endless loop that reads changed token files and reports wrong tokens.
     pub(super) async fn keep(room: HttpState) {
         let mut ticks = Ticks::every(LOOK_EVERY);
         loop {
@@ -183,8 +184,8 @@ impl Access {
         self.tokens.has(Role::Viewer) || self.tokens.has(Role::Operator)
     }
 
-    /// Returns whether a client may still read: its token is unchanged, or its session is open. In a viewer's session,
-    /// an open live stream counts as use.
+    /// Returns whether a client may still read. This is so while its token is unchanged, or while its session is open.
+    /// In a viewer's session, an open live stream counts as use.
     pub(super) fn is_still(&self, pass: &Grant) -> bool {
         match pass.by {
             By::Local => true,
@@ -224,7 +225,8 @@ impl Access {
         self.cookie("; Max-Age=0", peer)
     }
 
-    /// Returns a cookie that is valid for the page only. Browsers send it only over TLS if the page uses TLS.
+    /// Returns the text of a cookie that is valid only for the web page. Browsers send the cookie only over TLS if the
+    /// page uses TLS.
     fn cookie(&self, value: &str, peer: &Peer) -> String {
         let secure = match peer.scheme(self.scheme) {
             Scheme::Https => "; Secure",
@@ -235,7 +237,7 @@ impl Access {
     }
 
     /// Returns the name of the cookie. It contains the port, because a browser sends a cookie to all ports of a host,
-    /// and each port may be another gateway. A browser accepts `__Host-` only for the top of a host.
+    /// and each port may be another gateway. A browser accepts the prefix `__Host-` only for the top path of a host.
     fn cookie_name(&self, peer: &Peer) -> String {
         let prefix = match peer.scheme(self.scheme) {
             Scheme::Https if peer.prefix().is_empty() => "__Host-",
@@ -282,7 +284,7 @@ impl Access {
         }
     }
 
-    /// Returns the highest role of the client. `None` if it has no role.
+    /// Returns the role of the client with the most rights; `None` if the client has no role.
     fn who(&self, request: &Request, peer: &Peer) -> Result<Option<Grant>, Refusal> {
         let headers = request.headers();
         if let Some(token) = bearer(headers).filter(|_| self.tokens.any()) {
@@ -302,8 +304,8 @@ impl Access {
             .or(session))
     }
 
-    /// Returns the role that every client on this computer has. `None` if the client is elsewhere, or has no role
-    /// without a token.
+    /// Returns the role that every client on this computer has without a token. `None` if the client is elsewhere, or
+    /// if such clients have no role.
     fn role_here(&self, request: &Request, peer: &Peer) -> Option<Role> {
         if !is_local(request, peer) || !self.knows_host(request.headers()) {
             return None;
@@ -381,9 +383,10 @@ fn lock<T>(shared: &Mutex<T>) -> MutexGuard<'_, T> {
     shared.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// Returns whether a request comes from this computer without a proxy, as far as its headers show. A request with
-/// HTTP/1.0 is treated as that of a proxy: nginx uses this version by default, and adds no header. Current browsers do
-/// not use it. A request from the address of a trusted proxy is never local, even without its headers.
+/// Returns whether a request comes from this computer without a proxy, according to its headers. A request with
+/// HTTP/1.0 counts as a request through a proxy. nginx uses this version by default, and adds no header; current
+/// browsers do not use it. A request from the address of a trusted proxy is never local, even without the headers of a
+/// proxy.
 fn is_local(request: &Request, peer: &Peer) -> bool {
     let was_sent_on = |name: &HeaderName| {
         let name = name.as_str();

@@ -1,4 +1,4 @@
-//! Rules for access to the web page, from the profile.
+//! Access rules of the web page, from the profile.
 
 use isotherm_profile::{Commands, IpNetwork, Web};
 

@@ -1,4 +1,5 @@
-//! `POST /api/acknowledge?alarm=signal%20bed`: acknowledges an alarm; without a name, all active alarms.
+//! `POST /api/acknowledge?alarm=signal%20bed`: acknowledges the alarm of this name. Without a name, all active alarms
+//! are acknowledged.
 
 use axum::extract::{ConnectInfo, RawQuery, State};
 use axum::http::HeaderMap;

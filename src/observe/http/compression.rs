@@ -1,7 +1,7 @@
 //! Compression of the web page: gzip, if the client accepts it.
 //!
 //! Files that are part of the program are compressed once, at their first request. The page itself is compressed for
-//! each request. Both happen on a separate thread, so that no bus line waits.
+//! each request. The compression runs on a separate thread, so that no bus line waits.
 
 use std::collections::BTreeMap;
 use std::io::Write;
@@ -19,7 +19,7 @@ const HTML: &str = "text/html; charset=utf-8";
 /// Compressed files, by name.
 static FILES: Mutex<BTreeMap<&'static str, Bytes>> = Mutex::new(BTreeMap::new());
 
-/// Returns a page as an answer.
+/// Returns an HTML page as an answer, compressed if the client accepts it.
 pub(super) async fn page(headers: &HeaderMap, html: String) -> Response {
     let packed = match accepts_gzip(headers) {
         true => {
@@ -31,7 +31,7 @@ pub(super) async fn page(headers: &HeaderMap, html: String) -> Response {
     answer(HTML, html.into(), packed)
 }
 
-/// Returns a file as an answer. Its text must always be the same.
+/// Returns a file as an answer, compressed if the client accepts it. The text of the file must always be the same.
 pub(super) async fn file(
     headers: &HeaderMap,
     name: &'static str,
@@ -63,7 +63,7 @@ fn keep(name: &'static str, packed: Option<Bytes>) -> Option<Bytes> {
     Some(packed)
 }
 
-/// Returns the text compressed by gzip.
+/// Returns the text compressed with gzip; `None` if the compression fails.
 fn packed(text: &[u8]) -> Option<Bytes> {
     let mut encoder = GzEncoder::new(Vec::with_capacity(text.len() / 3), Compression::default());
     // Writing to memory does not fail.
@@ -71,7 +71,7 @@ fn packed(text: &[u8]) -> Option<Bytes> {
     Some(encoder.finish().ok()?.into())
 }
 
-/// Makes the answer: the compressed text, or the text itself without one.
+/// Makes the answer from the compressed text; if that is `None`, from the plain text.
 fn answer(kind: &'static str, text: Bytes, packed: Option<Bytes>) -> Response {
     let encoding: Option<(HeaderName, HeaderValue)> =
         packed.as_ref().map(|_| (header::CONTENT_ENCODING, HeaderValue::from_static("gzip")));
@@ -89,7 +89,8 @@ fn accepts_gzip(headers: &HeaderMap) -> bool {
     names_gzip(given.flat_map(|line| line.split(',')))
 }
 
-/// Returns whether these encodings of a client contain gzip. Its own weight applies before that of `*`.
+/// Returns whether the encodings that a client accepts include gzip. The weight of `gzip` has precedence over that of
+/// `*`.
 fn names_gzip<'a>(encodings: impl Iterator<Item = &'a str>) -> bool {
     let (mut gzip, mut any) = (None, None);
     for one in encodings {

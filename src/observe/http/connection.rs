@@ -32,10 +32,10 @@ use tokio_rustls::rustls::ServerConfig;
 use super::connection_limiter::{Limits, Permit};
 use super::peer::Peer;
 
-/// Maximum size of a request's head, and of the part of an answer that waits for the client, in bytes.
+/// Maximum size of the head of a request, and of the unsent part of an answer, in bytes.
 const BUFFER: usize = 64 * 1024;
 
-/// TCP connection with its phase. When the last reference is dropped, its permit is released.
+/// TCP connection with its phase. When the last reference is dropped, the permit of the connection is released.
 #[derive(Debug)]
 pub(super) struct Line {
     stream: TcpStream,
@@ -50,7 +50,7 @@ enum Phase {
     Idle,
 }
 
-/// Serves the connection until it ends, or until a timeout is over.
+/// Serves the connection until the client closes it, or until a timeout expires.
 pub(super) async fn serve(
     line: Arc<Line>,
     address: SocketAddr,
@@ -121,7 +121,7 @@ impl Line {
         Line { stream, phase: watch::Sender::new(Phase::Head), _place: place }
     }
 
-    /// Records received data. In an idle connection, they begin a request.
+    /// Records received data. In an idle connection, the data are the start of a request.
     fn receives(&self) {
         self.phase.send_if_modified(|phase| {
             let begins = *phase == Phase::Idle;
@@ -132,7 +132,7 @@ impl Line {
         });
     }
 
-    /// Records that the client has accepted data, and starts the timeout again.
+    /// Records that the client has accepted data, and restarts the timeout.
     fn is_read(&self) {
         self.phase.send_if_modified(|phase| *phase != Phase::Head);
     }
@@ -144,8 +144,8 @@ impl AsFd for Line {
     }
 }
 
-/// Marks the connection as busy from a request to the end of its answer. When the value is dropped, the connection is
-/// idle.
+/// Value that marks the connection as busy from a request to the end of its answer. When the value is dropped, the
+/// connection is idle.
 struct AnswerGuard(Arc<Line>);
 
 impl AnswerGuard {

@@ -12,7 +12,8 @@ pub struct Limits {
     pub connections: usize,
     /// Maximum number of simultaneous connections from one IPv4 address, or from one IPv6 network (64-bit prefix).
     pub of_one_address: usize,
-    /// Maximum number of simultaneous connections from one trusted proxy, which has many clients.
+    /// Maximum number of simultaneous connections from one trusted proxy. A proxy may have more connections than a
+    /// client, because it has many clients.
     pub of_one_proxy: usize,
     /// Maximum number of simultaneous live streams of the status (`/api/live`).
     pub streams: usize,
@@ -56,7 +57,7 @@ pub(in crate::observe) struct ConnectionLimiter {
     inside: Mutex<HashMap<IpAddr, usize>>,
 }
 
-/// Permit for one connection. When it is dropped, another connection may use it.
+/// Permit for one connection. When the permit is dropped, another connection may be accepted.
 #[derive(Debug)]
 pub(in crate::observe) struct Permit {
     limiter: Arc<ConnectionLimiter>,
@@ -102,8 +103,8 @@ impl Drop for Permit {
     }
 }
 
-/// Returns the address under which a client is counted. For IPv6 it is the network, because each user has a whole
-/// network. Loopback addresses are counted separately: a local user could exhaust the computer in other ways.
+/// Returns the address under which a client is counted. For IPv6, this is the network, because each user has a whole
+/// network. Each loopback address is counted on its own: a local user could exhaust the computer in other ways anyway.
 fn counted(address: IpAddr) -> IpAddr {
     match address.to_canonical() {
         IpAddr::V6(address) if !address.is_loopback() => {

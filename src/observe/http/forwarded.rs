@@ -1,15 +1,15 @@
 //! Report of a trusted proxy about a request: the address of the client, and the address of the page in its browser.
 //!
 //! A proxy sends `Forwarded` (RFC 7239), or `X-Forwarded-For`, `X-Forwarded-Proto` and `X-Forwarded-Host`. Each proxy
-//! adds an entry at the end. Entries are read from the last one backwards, up to the first address that is no trusted
-//! proxy. The entries before it come from a client, which can send any.
+//! adds an entry at the end. Entries are read backwards from the last entry to the first address that is no trusted
+//! proxy. Earlier entries come from a client, which can send any text, and are ignored.
 
 use std::net::IpAddr;
 
 use axum::http::HeaderMap;
 use isotherm_profile::IpNetwork;
 
-/// Longest host name and longest path of the page on a proxy, in bytes. A longer one is ignored.
+/// Maximum length of the host name, and of the path of the page on a proxy, in bytes. A longer text is ignored.
 const LONGEST: usize = 255;
 
 /// Scheme of the page's address in the browser.
@@ -32,17 +32,17 @@ pub(super) struct Forwarded {
     pub(super) prefix: String,
 }
 
-/// Reason to reject a request: a client may have forged the report.
+/// Reason to reject a request, because a client may have forged the report of a proxy.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum UnusableReport {
-    /// `Forwarded` and `X-Forwarded-…` differ. The proxy sets one of them, and passes on the other one as the client has
-    /// sent it.
+    /// `Forwarded` and `X-Forwarded-…` differ. The proxy sets one of these headers, and forwards the other header as
+    /// the client has sent it.
     Differs,
     /// A quote in `Forwarded` is not closed. The entry of the proxy would be a part of the client's text.
     OpenQuote,
 }
 
-/// Values of one form of headers. `None` for a value that is not reported.
+/// Values from one kind of header: `Forwarded` or `X-Forwarded-…`. A value that is not reported is `None`.
 #[derive(Debug, Default)]
 struct Report {
     client: Option<IpAddr>,
@@ -51,7 +51,7 @@ struct Report {
 }
 
 impl Forwarded {
-    /// Reads the report about a request that has arrived from `peer`, which is a trusted proxy.
+    /// Reads the report about a request that has arrived from the trusted proxy `peer`.
     pub(super) fn read(
         headers: &HeaderMap,
         peer: IpAddr,
@@ -67,7 +67,8 @@ impl Forwarded {
     }
 }
 
-/// Returns the value that one form or both report.
+/// Returns the value that one of the two kinds of headers reports, or both of them. `None` if neither reports it; an
+/// error if the values differ.
 fn one_of<T: PartialEq>(one: Option<T>, other: Option<T>) -> Result<Option<T>, UnusableReport> {
     match (one, other) {
         (Some(one), Some(other)) if one != other => Err(UnusableReport::Differs),
@@ -121,8 +122,8 @@ fn usual(headers: &HeaderMap, trusted: &[IpNetwork]) -> Report {
     }
 }
 
-/// Returns the address of the client, and the number of entries that trusted proxies have sent. The client is `None`
-/// if the last proxy does not report it.
+/// Returns the address of the client, and the number of entries from trusted proxies. The client is `None` if the last
+/// proxy does not report it.
 fn walk(nodes: &[Option<IpAddr>], trusted: &[IpNetwork]) -> (Option<IpAddr>, usize) {
     let (mut client, mut count) = (None, 0);
     for node in nodes.iter().rev() {
@@ -136,8 +137,8 @@ fn walk(nodes: &[Option<IpAddr>], trusted: &[IpNetwork]) -> (Option<IpAddr>, usi
     (client, count)
 }
 
-/// Returns the lines of a header as one. A byte of a client that is no text is replaced, so that it cannot hide the entry
-/// that a proxy has added to its line.
+/// Returns the lines of a header as one line. Bytes that are not text are replaced. A client can therefore not use such
+/// a byte to hide the entry that a proxy has added.
 fn joined(headers: &HeaderMap, name: &str) -> String {
     let lines = headers.get_all(name).into_iter().map(|line| String::from_utf8_lossy(line.as_bytes()));
     lines.collect::<Vec<_>>().join(", ")

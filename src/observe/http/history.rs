@@ -30,13 +30,13 @@ use isotherm_profile::safe_file::{quoted, without_numbers};
 
 /// Maximum number of requests that read the logs at the same time.
 pub(super) const AT_ONCE: usize = 2;
-/// Maximum time to read the values for a chart. A download may take longer.
+/// Maximum time for reading the values of a chart. A download may take longer.
 const LONGEST: Duration = Duration::from_secs(60);
-/// Timeouts of a download, for one piece and in total. They end a download whose client accepts little or nothing,
-/// because other clients wait for its permit.
+/// Timeouts of a download, for one piece and in total. They end a download whose client accepts little or nothing.
+/// Other clients may wait for the permit of this download.
 const DOWNLOAD: DownloadTimeouts =
     DownloadTimeouts { piece: Duration::from_secs(30), all: Duration::from_mins(10) };
-/// Maximum number of pieces of a download that wait until the client accepts them.
+/// Maximum number of unsent pieces of a download.
 const UNDER_WAY: usize = 4;
 const POINTS: usize = 600;
 const MOST_POINTS: usize = 4000;
@@ -67,8 +67,10 @@ pub(super) async fn course(State(room): State<HttpState>, RawQuery(query): RawQu
         let continues = || !gone.load(Ordering::Relaxed) && BootClock::default().passed() < until;
         decision_history::course(&logs, &question, points, &continues).map_err(|error| match error.kind() {
             ErrorKind::Interrupted => {
-                let text =
-                    format!("reading takes more than {} s: request a shorter time range", LONGEST.as_secs());
+                let text = format!(
+                    "reading the logs takes more than {} s: request a shorter time range",
+                    LONGEST.as_secs()
+                );
                 (StatusCode::SERVICE_UNAVAILABLE, text)
             }
             _ => (
@@ -115,15 +117,15 @@ pub(super) async fn download(State(room): State<HttpState>, RawQuery(query): Raw
 
 type Piece = std::io::Result<Bytes>;
 
-/// Timeouts of a download, for one piece and in total.
+/// Timeouts of a download: for one piece, and for the whole download.
 #[derive(Clone, Copy)]
 struct DownloadTimeouts {
     piece: Duration,
     all: Duration,
 }
 
-/// Sends the pieces from `read` as long as the client accepts them. A download that a timeout ends is closed with an
-/// error, so that the client sees that rows are missing. One slot of the channel is reserved for this error.
+/// Sends the pieces from `read` as long as the client accepts them. When a timeout expires, the download is closed with
+/// an error, so that the client detects the missing rows. One slot of the channel is reserved for this error.
 fn hand_over(
     sender: mpsc::Sender<Piece>,
     patience: DownloadTimeouts,
@@ -167,7 +169,7 @@ fn answered((code, why): Refused) -> Response {
     (code, format!("{}\n", one_line(&why))).into_response()
 }
 
-/// Parses the query. Returns the requested values, and the logs that may contain them.
+/// Parses the query of a request. Returns the requested values, and the log files that may contain them.
 fn asked(room: &HttpState, query: &str) -> Result<(Question, Vec<PathBuf>), Refused> {
     let wrong = |why: String| (StatusCode::BAD_REQUEST, why);
     let status = room.source.status();

@@ -1,8 +1,8 @@
 //! Listener of the web page, which limits the number of connections and their idle time.
 //!
-//! The web page may use only a part of the program's file descriptors. The listener counts a connection before it reads
-//! from it, and closes connections above the limit at once. The other descriptors are reserved for bus lines, command
-//! socket and files.
+//! The web page may use only a part of the program's file descriptors. The listener counts each connection before
+//! reading from it, and closes connections above the limit at once. The other descriptors are reserved for bus lines,
+//! command socket and files.
 
 use std::io::{self, ErrorKind, Write};
 use std::net::SocketAddr;
@@ -30,7 +30,7 @@ pub struct HttpListener {
     listener: TcpListener,
     shown: Option<TlsReceiver>,
     limits: Limits,
-    /// Proxies with a larger share of the connections.
+    /// Trusted proxies, which may have more connections than a client.
     proxies: Arc<[IpNetwork]>,
 }
 
@@ -47,13 +47,13 @@ impl HttpListener {
         HttpListener { limits, ..self }
     }
 
-    /// Sets the TLS configuration. With one, the listener accepts only TLS; with `None`, only plain text.
+    /// Sets the TLS configuration. With `Some`, the listener accepts only TLS; with `None`, only plain text.
     #[must_use]
     pub fn secured(self, shown: Option<TlsReceiver>) -> HttpListener {
         HttpListener { shown, ..self }
     }
 
-    /// Sets the proxies that have a larger share of the connections.
+    /// Sets the trusted proxies, which may have more connections than a client.
     pub(super) fn behind(self, proxies: Arc<[IpNetwork]>) -> HttpListener {
         HttpListener { proxies, ..self }
     }
@@ -62,7 +62,7 @@ impl HttpListener {
         self.limits
     }
 
-    /// Returns the scheme of this server.
+    /// Returns the scheme of this server: HTTPS with TLS, otherwise HTTP.
     pub(super) fn scheme(&self) -> Scheme {
         if self.shown.is_some() { Scheme::Https } else { Scheme::Http }
     }
@@ -112,10 +112,10 @@ impl HttpListener {
     }
 }
 
-/// Waits after a connection that could not be accepted. An error of the client needs no wait. If no file descriptor is
-/// free, an immediate attempt would only use processor time.
+/// Waits after a failed attempt to accept a connection. After an error of the client, no wait is needed. If no file
+/// descriptor is free, an immediate new attempt would only use processor time.
 async fn after(error: &io::Error) {
-    /// Wait in which other connections may end, and so release file descriptors.
+    /// Wait before a new attempt, in which other connections may end and release file descriptors.
     const AGAIN: Duration = Duration::from_millis(200);
     let is_of_the_peer = matches!(
         error.kind(),
@@ -131,7 +131,8 @@ const FULL: &[u8] = b"HTTP/1.1 503 Service Unavailable\r\nRetry-After: 10\r\nCon
     Content-Type: text/plain; charset=utf-8\r\nContent-Length: 65\r\n\r\n\
     The page has too many connections. Close some, or wait a little.\n";
 
-/// Closes a connection above the limit. Without TLS, the client receives the reason, if it can be sent without waiting.
+/// Closes a connection above the limit. If the connection has no TLS, the client receives the reason, unless sending
+/// would have to wait.
 fn refuse(stream: TcpStream, is_plain: bool) {
     if is_plain && let Ok(mut stream) = stream.into_std() {
         // The socket is non-blocking. If it accepts nothing, the reason is not sent.
@@ -139,7 +140,7 @@ fn refuse(stream: TcpStream, is_plain: bool) {
     }
 }
 
-/// Number of connections that were closed because of a limit. They are logged once a minute.
+/// Number of connections that were closed because of a limit. The number is logged once a minute.
 #[derive(Default)]
 struct RejectedCount {
     count: u64,

@@ -1,7 +1,7 @@
-//! Live stream of the status, once a second. The status is made and serialised once for all streams of the whole status.
-//! A stream may have a [page](StatusPage) of it instead.
+//! Live stream of the status, with one message each second. The status is made and serialised once for all streams of
+//! the whole status. A stream may also contain only a [page](StatusPage) of the status.
 //!
-//! Both are done on separate threads, because they take long for a large machine, and no bus line may wait.
+//! The status is made on separate threads, because this takes long for a large machine, and no bus line may wait.
 
 use std::convert::Infallible;
 use std::sync::{Arc, OnceLock};
@@ -18,20 +18,20 @@ use crate::observe::status::{GatewayApi, Status};
 use crate::observe::status_pages::StatusPage;
 
 const PERIOD: Duration = Duration::from_secs(1);
-/// Time after which a browser connects again to an ended stream.
+/// Time after which a browser reconnects when a stream has ended.
 const RETRY: Duration = Duration::from_secs(2);
 
 /// Source of the status streams.
 #[derive(Clone)]
 pub(super) struct Live {
     source: Arc<dyn GatewayApi>,
-    /// Receiver that is cloned for each stream. It is one of the sender's receivers itself, so their number is one more
-    /// than that of the streams.
+    /// Receiver that is cloned for each stream. This original also counts as a receiver, so there is one receiver more
+    /// than there are streams.
     latest: Arc<watch::Receiver<Option<Arc<Latest>>>>,
     places: Arc<Semaphore>,
 }
 
-/// Status of one second, for all streams.
+/// Status of one second, which all streams share.
 struct Latest {
     status: Status,
     whole: OnceLock<Arc<str>>,
@@ -46,9 +46,9 @@ impl Live {
         Live { source, latest: Arc::new(latest), places: Arc::new(Semaphore::new(streams)) }
     }
 
-    /// Returns a stream of the status, or of a page of it: the present one, then one each second, as long as `may`
-    /// returns `true`. A slow client misses some, and receives the newest. Returns `None` if the limit of streams is
-    /// reached.
+    /// Returns a stream of the status, or of the page `page` of the status. The stream contains the present status,
+    /// then a new status each second, as long as `may` returns `true`. A slow client misses some statuses, but always
+    /// receives the newest. Returns `None` if the limit of streams is reached.
     pub(super) fn stream<May: Fn() -> bool + Send + 'static>(
         &self,
         may: May,
@@ -76,7 +76,7 @@ impl Latest {
         Latest { status: source.status(), whole: OnceLock::new() }
     }
 
-    /// Returns the whole status, or a page of it, as JSON.
+    /// Returns the whole status, or the given page of the status, as JSON.
     fn text(&self, page: Option<usize>) -> Arc<str> {
         match page {
             None => Arc::clone(self.whole.get_or_init(|| to_json(&self.status))),

@@ -1,6 +1,6 @@
-//! Sign-in and sign-out with a browser: a plain form, which works without scripts.
+//! Sign-in and sign-out with a browser, by a plain form that works without scripts.
 //!
-//! `POST /login` with the token in its body begins a session, `POST /api/logout` ends it.
+//! `POST /login` with the token in its body begins a session. `POST /api/logout` ends the session.
 
 use std::num::NonZero;
 
@@ -20,10 +20,10 @@ use crate::observe::page::{self, LoginPlace};
 
 const WALL: &str = "wall";
 
-/// Name and value of a parameter.
+/// Name and value of a query or form parameter.
 type Parameter = (&'static str, String);
 
-/// Returns whether the request comes from a browser that will show the answer as a page.
+/// Returns whether the request comes from a browser that shows the answer to a person as a page.
 pub(super) fn is_asked_by_a_person(request: &Request) -> bool {
     request.method() == Method::GET && accepts_html(request.headers())
 }
@@ -35,8 +35,8 @@ fn accepts_html(headers: &HeaderMap) -> bool {
         .is_some_and(|kinds| kinds.contains("text/html"))
 }
 
-/// Makes the sign-in page in a language of the profile or of the browser, with the parameters of the address to show
-/// afterwards and the key of an error message. `top` is the relative address of the web page.
+/// Makes the sign-in page in a language of the profile or of the browser. The page contains the parameters of the
+/// address to show after signing in, and the key of an error message. `top` is the relative address of the web page.
 fn sign_in_page(
     room: &HttpState,
     headers: &HeaderMap,
@@ -48,7 +48,7 @@ fn sign_in_page(
     Html(page::login(words(texts.language, headers), place, parameters, trouble).into_string())
 }
 
-/// Returns the parameters of the address to show after signing in, which a query or a form contains.
+/// Returns the parameters of the address to show after signing in. The text `given` is a query or a form.
 fn shown_afterwards(given: &str) -> Vec<Parameter> {
     let view = parameter(given, "view").filter(|view| view == WALL);
     let page = parameter(given, "page").and_then(|page| page.parse::<NonZero<usize>>().ok());
@@ -121,7 +121,7 @@ pub(super) async fn begin(
     };
     let _ended = room.access.end_visit(&headers, &peer);
     let Ok(cookie) = room.access.begin_visit(shown, &peer) else {
-        let text = "The kernel has no random numbers: nobody can sign in.\n";
+        let text = "The kernel has no random numbers, so signing in is not possible.\n";
         return (StatusCode::SERVICE_UNAVAILABLE, text).into_response();
     };
     // Relative addresses, because the page may be below a path of a proxy.

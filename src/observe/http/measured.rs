@@ -24,12 +24,12 @@ pub(super) struct Measured {
     error_um: f64,
     /// Time of the measurement, RFC 3339.
     time: Option<String>,
-    /// Identifier of the measurement, with which it counts once.
+    /// Identifier of the measurement. Measurements with the same identifier count once.
     id: Option<String>,
 }
 
 impl Measured {
-    /// Parses the body of a request. The error is a sentence about an invalid body.
+    /// Parses the body of a request. The error is a sentence that describes why the body is invalid.
     fn read(body: &[u8]) -> Result<MeasuredReport, String> {
         let Measured { error_um, time, id } =
             serde_json::from_slice(body).map_err(|error| error.to_string())?;

@@ -53,7 +53,7 @@ struct Operation {
     answers: Vec<(u16, Value)>,
 }
 
-/// Makes the document.
+/// Makes the OpenAPI document.
 fn document() -> Value {
     let settings = SchemaSettings::draft2020_12().for_serialize().with(|settings| {
         settings.definitions_path = "/components/schemas".into();
@@ -105,7 +105,7 @@ fn operation_id(method: &str, path: &str) -> String {
     words.join("_")
 }
 
-/// Replaces the words of Rust in comments by those of JSON.
+/// Replaces terms of Rust in the comments by terms of JSON.
 fn without_rust_words(value: &mut Value) {
     match value {
         Value::Object(fields) => fields.iter_mut().for_each(|(key, value)| match value {
@@ -247,7 +247,7 @@ fn command_of(summary: &'static str, parameters: Vec<Value>, types: &mut SchemaG
     Operation { summary, client: Client::Operator, parameters, body: None, answers }
 }
 
-/// Parameters of a time range and of columns.
+/// Returns the parameters that describe a time range and a choice of columns.
 fn range() -> Vec<Value> {
     let about = "Begin: a time, or a duration before now. By default, eight hours before `to`.";
     let columns = "At most 64 names, separated by commas. By default, the first 64 columns.";
@@ -258,7 +258,7 @@ fn range() -> Vec<Value> {
     ]
 }
 
-/// Answers without the values of a time range.
+/// Returns the answers to requests for a time range that contain no values, for example errors.
 fn no_history() -> [(u16, Value); 4] {
     [
         (400, text("A parameter is not valid.", PLAIN)),

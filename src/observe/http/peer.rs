@@ -1,4 +1,4 @@
-//! Client of a request: at the other end of the connection, or behind a trusted proxy there.
+//! Client of a request. The client is at the other end of the connection, or behind a trusted proxy at that end.
 
 use std::net::{IpAddr, SocketAddr};
 use std::sync::Arc;
@@ -12,10 +12,10 @@ use super::forwarded::{Forwarded, Scheme, UnusableReport};
 use crate::observe::requester::{Channel, Connection, Requester};
 use isotherm_profile::IpNetwork;
 
-/// Header by which the web page marks its own requests. Commands of other programs do not have it.
+/// Header with which the web page marks its own requests. Commands of other programs do not have this header.
 const WAY: &str = "isotherm-way";
 
-/// Address of the client, and the connection of its request, which shows whether the client still waits.
+/// Address of the client, and the connection of its request. The connection shows whether the client still waits.
 #[derive(Clone)]
 pub(super) struct Peer {
     address: SocketAddr,
@@ -23,16 +23,17 @@ pub(super) struct Peer {
     arrival: Arrival,
 }
 
-/// Way of a request to this server.
+/// How a request has reached this server.
 #[derive(Clone)]
 enum Arrival {
-    /// From the client, or from a proxy that is not trusted.
+    /// Directly from the client, or from a proxy that is not trusted.
     Direct,
-    /// Through a trusted proxy, with its report.
+    /// Through a trusted proxy, which reports the client.
     Proxied(Arc<Forwarded>),
 }
 
-/// Reads the report of a trusted proxy, before the access check and the handlers read the peer of the request.
+/// Reads the report of a trusted proxy about a request. The access check and the handlers run after this function, and
+/// use the client that the proxy reports.
 pub(super) async fn behind_proxies(
     State(trusted): State<Arc<[IpNetwork]>>,
     ConnectInfo(peer): ConnectInfo<Peer>,
@@ -65,7 +66,7 @@ impl Peer {
         Peer { address, connection, arrival: Arrival::Direct }
     }
 
-    /// Returns the peer of a request with these headers. If its connection is that of a trusted proxy, it is the
+    /// Returns the peer of a request with these headers. If the connection comes from a trusted proxy, the peer is the
     /// client that the proxy reports.
     fn reported(self, headers: &HeaderMap, trusted: &[IpNetwork]) -> Result<Peer, UnusableReport> {
         let proxy = self.address.ip();
@@ -87,7 +88,8 @@ impl Peer {
         self.report().map_or(self.address.ip(), |report| report.client)
     }
 
-    /// Returns whether the request came through a trusted proxy. Such a client is never on this computer.
+    /// Returns whether the request came through a trusted proxy. Its client then counts as a client on another
+    /// computer.
     pub(super) fn is_proxied(&self) -> bool {
         self.report().is_some()
     }
@@ -97,13 +99,13 @@ impl Peer {
         self.report().and_then(|report| report.scheme).unwrap_or(own)
     }
 
-    /// Returns host and port of the page's address in the browser.
+    /// Returns host and port of the page's address in the browser; `None` if the request does not name them.
     pub(super) fn host<'a>(&'a self, headers: &'a HeaderMap) -> Option<&'a str> {
         let reported = self.report().and_then(|report| report.host.as_deref());
         reported.or_else(|| headers.get(header::HOST)?.to_str().ok())
     }
 
-    /// Returns the path of the page on the proxy, without a slash at its end. It is empty without a proxy.
+    /// Returns the path of the page on the proxy, without a slash at its end. The path is empty if there is no proxy.
     pub(super) fn prefix(&self) -> &str {
         self.report().map_or("", |report| report.prefix.as_str())
     }

@@ -15,9 +15,9 @@ pub(super) enum Refusal {
     NoToken,
     /// The token is not one of this gateway's tokens.
     WrongToken,
-    /// Too many wrong tokens came from the client's address. The next token is checked after this time.
+    /// Too many wrong tokens came from the client's address. The duration is the time until a token is checked again.
     TooManyWrong(Duration),
-    /// The client may read, but not command.
+    /// The client may view, but not send commands.
     OnlyLooks,
     /// The client's token allows it only to read the metrics.
     OnlyScrapes,
@@ -28,7 +28,7 @@ pub(super) enum Refusal {
     NotFromHere,
 }
 
-/// Labels of the counters. `too-often` counts commands that followed the same command too soon.
+/// Labels of the counters, one for each reason. `too-often` counts commands that followed the same command too soon.
 const WHYS: [&str; 10] = [
     "no-token",
     "wrong-token",
@@ -43,7 +43,7 @@ const WHYS: [&str; 10] = [
 ];
 pub(super) const TOO_OFTEN: &str = "too-often";
 
-/// Number of refusals for each reason since the start.
+/// Counters of the refused requests since the start, one for each reason.
 #[derive(Debug, Default)]
 pub(super) struct Counts([AtomicU64; WHYS.len()]);
 
@@ -74,7 +74,7 @@ impl Refusal {
         }
     }
 
-    /// Returns whether the client would get access by signing in.
+    /// Returns whether the client would get access after signing in.
     pub(super) fn is_mended_by_signing_in(self) -> bool {
         matches!(self, Refusal::NoToken | Refusal::WrongToken | Refusal::TooManyWrong(_))
     }
@@ -101,14 +101,14 @@ impl Refusal {
                  viewer's token."
             }
             Refusal::NoOperator => {
-                "This gateway accepts no command without a token. These two lines make one: isotherm token \
-                 --out /etc/isotherm/operator.token (mode 0600), and token_file = \
-                 \"/etc/isotherm/operator.token\" below [web] in the profile. Or command at the gateway's \
+                "This gateway accepts no command without a token. To make a token, run isotherm token \
+                 --out /etc/isotherm/operator.token (mode 0600), and write token_file = \
+                 \"/etc/isotherm/operator.token\" below [web] in the profile. Or send commands on the gateway's \
                  own computer: isotherm arm, disarm."
             }
             Refusal::StrangeHost => {
                 "Without a token this gateway answers only to localhost or to its own address. Use the address instead of \
-                 the name, name it in [web] hosts, or start the gateway with a token."
+                 the name, write the name into [web] hosts, or start the gateway with a token."
             }
             Refusal::StrangeOrigin => {
                 "Commands from a browser are accepted only from the gateway's own page. Behind a proxy, name it in \

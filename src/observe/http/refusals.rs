@@ -1,7 +1,7 @@
-//! Rate limit for wrong tokens. After [`MOST`] wrong tokens within a minute, tokens from that address are not checked
-//! for a minute.
+//! Rate limit for wrong tokens. After [`MOST`] wrong tokens from an address within a minute, tokens from that address
+//! are not checked for a minute.
 //!
-//! The time is an argument: the time since the start of the computer.
+//! The functions do not read a clock. Their argument `now` is the time since the start of the computer.
 
 use std::collections::HashMap;
 use std::net::{IpAddr, Ipv4Addr, Ipv6Addr};
@@ -13,7 +13,7 @@ const SPAN: Duration = Duration::from_secs(60);
 /// Maximum number of addresses for which wrong tokens are counted. Above it, the oldest addresses are removed.
 const ADDRESSES: usize = 4096;
 
-/// Maximum number of addresses whose rejected commands are reported within a minute.
+/// Maximum number of addresses within a minute for which rejected commands are reported.
 const REPORTED: usize = 6;
 
 /// Times at which a rejected command was reported, by address. Each address is reported once a minute. A client that
@@ -22,8 +22,8 @@ const REPORTED: usize = 6;
 pub(super) struct Reports(Vec<(IpAddr, Duration)>);
 
 impl Reports {
-    /// Returns whether to report a rejected command. `false` if this address was reported within a minute, or if
-    /// [`REPORTED`] addresses were.
+    /// Returns whether a rejected command must be reported. `false` if a report about this address, or [`REPORTED`]
+    /// reports in total, were made within the last minute.
     pub(super) fn take(&mut self, from: IpAddr, now: Duration) -> bool {
         let from = household(from);
         self.0.retain(|(_, reported)| now < *reported + SPAN);
@@ -43,13 +43,13 @@ struct Guesses {
     count: u32,
 }
 
-/// Wrong tokens by address, and those that are not reported yet.
+/// Wrong tokens by address, and the number of wrong tokens that are not reported yet.
 #[derive(Debug, Default)]
 pub(super) struct Refusals {
     by_address: HashMap<IpAddr, Guesses>,
     /// Number of wrong or unchecked tokens that are not reported yet.
     unreported: u64,
-    /// Address of the last token that is not reported yet. `None` if all are reported.
+    /// Address of the last token that is not reported yet. `None` if all tokens are reported.
     last: Option<IpAddr>,
     told: Option<Duration>,
 }
@@ -64,7 +64,8 @@ pub(super) struct TokenReport {
 }
 
 impl Refusals {
-    /// Returns `Ok` if a token from this address may be checked. The error is the time until then.
+    /// Returns `Ok` if a token from this address may be checked. Otherwise, the error is the time until a token may be
+    /// checked again.
     pub(super) fn may(&self, from: IpAddr, now: Duration) -> Result<(), Duration> {
         let Some(guesses) = self.by_address.get(&household(from)) else { return Ok(()) };
         let left = (guesses.since + SPAN).saturating_sub(now);
@@ -123,8 +124,8 @@ impl Refusals {
     }
 }
 
-/// Returns the address under which a client is counted: the IPv6 network, because a user has 2⁶⁴ addresses, and one
-/// address for all that begin with 127.
+/// Returns the address under which a client is counted. For IPv6, this is the network, because a user has 2⁶⁴
+/// addresses. All addresses that begin with 127 count as one address.
 fn household(address: IpAddr) -> IpAddr {
     match address.to_canonical() {
         address if address.is_loopback() => Ipv4Addr::LOCALHOST.into(),

@@ -12,7 +12,7 @@ use crate::observe::status::Answer;
 /// Answer to a command.
 #[derive(JsonSchema, Serialize)]
 pub(super) struct CommandReply {
-    /// Whether the command was carried out. `false` if it waits for a condition, or was refused.
+    /// Whether the command was carried out. `false` if the command waits for a condition, or was refused.
     pub(super) done: bool,
     /// Sentence about the result.
     pub(super) answer: String,

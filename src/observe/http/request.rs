@@ -1,5 +1,5 @@
-//! A request: its parameters, and the language of its client. Checks that it names one host, and that its body is
-//! received completely and in time.
+//! Checks of a request, its parameters, and the language of its client. A request must name one host, and its body must
+//! be received completely and in time.
 
 use std::time::Duration;
 
@@ -16,7 +16,7 @@ use crate::observe::page::Words;
 /// Maximum size of a command's body, in bytes.
 const LARGEST_BODY: usize = 1024;
 
-/// Rejects a request that names two hosts, because a proxy and this server could use different ones.
+/// Rejects a request that names two hosts. A proxy could use one of them, and this server the other.
 pub(super) async fn for_one_host(request: Request, next: Next) -> Response {
     match names_one_host(&request) {
         true => next.run(request).await,
@@ -63,10 +63,10 @@ pub(super) async fn whole(State(longest): State<Duration>, request: Request, nex
     }
 }
 
-/// Returns the address of the web page relative to this path: `../` for each directory. It is also right below a path of
-/// a proxy.
+/// Returns the address of the web page relative to this path: `../` for each directory. The address is also right if
+/// the page is below a path of a proxy.
 pub(super) fn top(path: &str) -> String {
-    /// Number of directories above which a path has no page.
+    /// Maximum number of directories in a path of the page.
     const DEEPEST: usize = 16;
     "../".repeat(path.matches('/').count().saturating_sub(1).min(DEEPEST))
 }
@@ -78,7 +78,8 @@ pub(super) fn parameter(query: &str, name: &str) -> Option<String> {
     Some(percent_decode_str(given).decode_utf8().ok()?.into_owned())
 }
 
-/// Returns the texts of the page in this language, or else in one that the client accepts.
+/// Returns the texts of the page in the language `named`. If it is `None`, returns them in a language that the client
+/// accepts.
 pub(super) fn words(named: Option<Language>, headers: &HeaderMap) -> &'static Words {
     let accepted = headers.get(header::ACCEPT_LANGUAGE).and_then(|given| given.to_str().ok());
     Words::choose(named, accepted.unwrap_or_default())

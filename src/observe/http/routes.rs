@@ -1,5 +1,5 @@
-//! Routes of the server: each path with its methods. The router, the access check and the description of the API follow
-//! from this list.
+//! Routes of the server: each path with its methods. The router, the access check and the description of the API are
+//! made from this list.
 
 use std::sync::LazyLock;
 
@@ -8,7 +8,7 @@ use axum::response::{IntoResponse, Response};
 
 use crate::observe::status::Command;
 
-/// Path of the server.
+/// Route of the server, by its use.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Route {
     /// The web page.
@@ -45,7 +45,7 @@ pub(super) enum Route {
     Ready,
 }
 
-/// Routes except those of commands, with their paths and methods. A name in braces is any part of a path.
+/// All routes except those of commands, with their paths and methods. A name in braces stands for any part of a path.
 const FIXED: [(Route, &str, &[&str]); 15] = [
     (Route::Front, "/", &["GET"]),
     (Route::File, "/page/{file}", &["GET"]),
@@ -67,7 +67,7 @@ const FIXED: [(Route, &str, &[&str]); 15] = [
 /// Entry of the list of routes.
 pub(super) struct Entry {
     pub(super) route: Route,
-    /// Path, with names in braces for any part.
+    /// Path of the route. A name in braces stands for any part of the path.
     pub(super) path: String,
     /// Methods of the handlers. A route with GET accepts HEAD too.
     pub(super) methods: &'static [&'static str],

@@ -1,8 +1,8 @@
 //! Sessions of browsers that have signed in. A random number in a cookie identifies a session; the cookie does not
 //! contain the token.
 //!
-//! A session ends after twelve hours, after an hour without use, by sign-out, and when its token changes. The time is
-//! an argument: the time since the start of the computer.
+//! A session ends after twelve hours, after an hour without use, by sign-out, and when its token changes. The functions
+//! do not read a clock. Their argument `now` is the time since the start of the computer.
 
 use std::collections::HashMap;
 use std::time::Duration;
@@ -12,7 +12,8 @@ use super::tokens::Role;
 const LONGEST: Duration = Duration::from_secs(12 * 3600);
 /// Maximum time without use, after which a session ends.
 const IDLE: Duration = Duration::from_secs(3600);
-/// Maximum number of open sessions of each role. Above it, the session that was unused for the longest time ends.
+/// Maximum number of open sessions of each role. If there are more, the session that was unused for the longest time
+/// ends.
 const MOST: usize = 64;
 
 /// Identifier of a session.
@@ -20,12 +21,12 @@ const MOST: usize = 64;
 pub(super) struct SessionKey(u128);
 
 impl SessionKey {
-    /// Makes an identifier from 128 random bits.
+    /// Makes a session identifier from 128 random bits.
     pub(super) fn of(random: [u8; 16]) -> SessionKey {
         SessionKey(u128::from_be_bytes(random))
     }
 
-    /// Formats the identifier for the cookie.
+    /// Formats the session identifier for the cookie.
     pub(super) fn text(self) -> String {
         format!("{:032x}", self.0)
     }
@@ -77,7 +78,7 @@ impl Sessions {
         Some((session.role, session.version))
     }
 
-    /// Ends a session, so that its cookie is invalid.
+    /// Ends a session. Its cookie is invalid from now on.
     pub(super) fn end(&mut self, key: SessionKey) {
         self.0.remove(&key);
     }

@@ -22,13 +22,13 @@ pub(super) struct HttpState {
     pub(super) readers: Arc<Semaphore>,
     /// Permit for a request that reads the events.
     pub(super) events: Arc<Semaphore>,
-    /// Texts of the web page. They are read for the first page.
+    /// Texts of the web page. They are read when the first page is made.
     pub(super) texts: Arc<OnceLock<MachineTexts>>,
 }
 
 impl HttpState {
-    /// Returns the texts of the web page. A status is made only for the first call, because that of a large machine takes
-    /// long, and a client without access must cause little work.
+    /// Returns the texts of the web page. A status is made only for the first call: for a large machine this takes
+    /// long, and a client without access must not cause much work.
     pub(super) fn texts(&self) -> &MachineTexts {
         self.texts.get_or_init(|| MachineTexts::of(self.source.status()))
     }

@@ -35,7 +35,7 @@ pub(super) enum Role {
 }
 
 impl Role {
-    /// All roles, those with fewer rights first. A token that two roles share gives the lesser rights.
+    /// All roles, the role with the fewest rights first. If two roles have the same token, it gives the fewer rights.
     const ALL: [Role; 3] = [Role::Scraper, Role::Viewer, Role::Operator];
 
     pub(super) fn name(self) -> &'static str {
@@ -66,7 +66,7 @@ impl fmt::Debug for TokenFile {
     }
 }
 
-/// Identity of a file. If one of these values has changed, the file has changed.
+/// Properties that identify the content of a file. If one of them has changed, the file is read again.
 #[derive(Clone, Debug, PartialEq)]
 struct FileIdentity {
     modified: (i64, i64),
@@ -121,7 +121,8 @@ impl TokenFile {
         self.token == other.token
     }
 
-    /// Stores the result of reading the file. Returns a change that must be reported, if there is one.
+    /// Stores the result of reading the file. Returns a change that must be reported; `None` if there is nothing to
+    /// report.
     fn take(&mut self, found: Result<(String, FileIdentity), String>) -> Option<Change> {
         let (token, seen) = match found {
             Ok((token, seen)) => (token, seen),
@@ -164,7 +165,9 @@ fn read(path: &Path) -> Result<(String, FileIdentity), String> {
     let token = text.trim();
     let length = token.chars().count();
     match () {
-        () if length == 0 => Err(format!("the token file {at} is empty: isotherm token > {at}")),
+        () if length == 0 => {
+            Err(format!("the token file {at} is empty: isotherm token > {at} makes a token"))
+        }
         () if length < SHORTEST => Err(format!(
             "the token in {at} has {length} characters, fewer than {SHORTEST}: isotherm token > {at} makes one"
         )),
@@ -184,7 +187,7 @@ fn read(path: &Path) -> Result<(String, FileIdentity), String> {
 pub(super) enum Change {
     /// The token file contains another token than before.
     Another,
-    /// The file no longer contains a valid token; contains the reason.
+    /// The file no longer contains a valid token. The text is the reason.
     Gone(String),
 }
 
@@ -192,7 +195,7 @@ pub(super) enum Change {
 pub(super) struct Tokens(Mutex<[Option<TokenFile>; 3]>);
 
 impl Tokens {
-    /// Creates the list from token files in the order of [`Role::ALL`].
+    /// Creates the token files of all roles, which are given in the order of [`Role::ALL`].
     pub(super) fn new(files: [Option<TokenFile>; 3]) -> Tokens {
         Tokens(Mutex::new(files))
     }

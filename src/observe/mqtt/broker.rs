@@ -1,4 +1,5 @@
-//! Interface to a broker, for the publisher. It is small, so that the MQTT library behind it can be replaced.
+//! Interface to a broker, for the publisher. The interface is small, so that the MQTT library that implements it can be
+//! replaced.
 
 use std::fmt;
 use std::future::Future;
@@ -16,11 +17,12 @@ pub(super) trait Broker {
     /// Connects to the broker. `will` is the message that the broker publishes when the connection breaks.
     fn connect(&self, will: Option<Message>) -> impl Future<Output = Result<Self::Connection, Fault>>;
 
-    /// Returns whether the last attempt has sent its CONNECT packet. The attempt may still be under way.
+    /// Returns the state of the CONNECT packet of the last attempt. The attempt may still be in progress.
     fn packet(&self) -> ConnectPacket;
 }
 
-/// CONNECT packet of an attempt. It contains the will, and follows when the network connection is open.
+/// State of the CONNECT packet of an attempt. The packet contains the will message, and is sent when the network
+/// connection is open.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum ConnectPacket {
     NotSent,
@@ -36,8 +38,8 @@ pub(super) enum SubscriptionAnswer {
 
 /// Connection to a broker. If it is dropped without [`Connection::close`], the broker publishes the will message.
 pub(super) trait Connection {
-    /// Sends a message. `told` is the time at which the message was made. Returns the message as an error if there is
-    /// no room for it now.
+    /// Sends a message. `told` is the time at which the message was made. If the send queue is full, returns the
+    /// message as an error.
     fn send(&mut self, message: Message, told: Moment) -> Result<(), Message>;
 
     /// Subscribes to the topics that match a filter, and waits for the answer of the broker.
@@ -46,14 +48,14 @@ pub(super) trait Connection {
         subscription: &Subscription,
     ) -> impl Future<Output = Result<SubscriptionAnswer, Fault>>;
 
-    /// Requests an answer to the message that was sent last, and that the broker does not acknowledge.
+    /// Requests an answer of the broker to the last message, because the broker does not acknowledge that message.
     /// [`Connection::is_done`] then includes this answer. `topic` is the topic of the message.
     fn request_answer(&mut self, topic: &str);
 
     /// Waits for the next report about the connection. If this future is dropped, no report is lost.
     fn next(&mut self) -> impl Future<Output = BrokerReport>;
 
-    /// Returns the time up to which all messages have reached the broker.
+    /// Returns a time. All messages that were made before this time have reached the broker.
     fn last_received(&self) -> Moment;
 
     /// Returns whether the broker has received every message that was sent.
@@ -66,7 +68,7 @@ pub(super) trait Connection {
 /// Report about a connection.
 #[derive(Debug)]
 pub(super) enum BrokerReport {
-    /// Another message can be sent, or the broker has acknowledged one.
+    /// The send queue has room for another message, or the broker has acknowledged a message.
     Room,
     /// A message was received.
     Arrived(ReceivedMessage),
@@ -79,9 +81,9 @@ pub(super) enum BrokerReport {
 pub(super) struct ReceivedMessage {
     pub(super) topic: String,
     pub(super) payload: Vec<u8>,
-    /// Whether the broker had retained the message, which may therefore be old.
+    /// Whether the broker had stored the message before (retained). Such a message may be old.
     pub(super) retained: bool,
-    /// Whether the broker delivers the message again, because the first delivery was not acknowledged (DUP).
+    /// Whether this is a repeated delivery, because the first delivery was not acknowledged (flag DUP).
     pub(super) redelivered: bool,
 }
 

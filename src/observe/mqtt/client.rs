@@ -1,8 +1,8 @@
 //! MQTT client based on a maintained fork of the library `rumqttc`. No other file uses the library.
 //!
-//! Each connection has a new client, so that the library cannot send messages of an earlier connection again. A task
-//! runs its event loop. If the task panics, the connection is treated as broken. The queues in both directions are
-//! bounded.
+//! Each connection has a new client of the library, which therefore cannot send messages of an earlier connection
+//! again. A task runs the event loop of the library. If the task panics, the connection is treated as broken. The
+//! queues in both directions are bounded.
 
 use std::collections::{BTreeMap, VecDeque};
 use std::io;
@@ -37,14 +37,14 @@ const CONNECT_WITHIN: Duration = Duration::from_secs(10);
 /// Timeout for the answer to a subscription.
 const SUBSCRIBE_WITHIN: Duration = Duration::from_secs(10);
 /// MQTT keep-alive interval. If the client receives no data for twice this time, it closes the connection. If the
-/// broker receives none for one and a half times, it publishes the will message.
+/// broker receives no data for one and a half times this interval, it publishes the will message.
 const KEEP_ALIVE: Duration = Duration::from_secs(10);
 /// Maximum delay between a ping that the library sends and its report about the ping.
 const MARGIN: Duration = Duration::from_secs(1);
 /// Maximum number of messages that the library holds at one time.
 const IN_LIBRARY: usize = 64;
-/// Maximum number of received messages that wait to be processed. Further messages are dropped, except the newest state
-/// of the primary host.
+/// Maximum number of received messages that wait to be processed. Further messages are dropped, but the newest state of
+/// the primary host is kept.
 const UNHEARD: usize = 16;
 /// Maximum size of a received packet, in bytes. A larger packet breaks the connection. Commands, the only accepted
 /// messages, are much smaller.
@@ -53,7 +53,7 @@ const LARGEST_IN: usize = 1 << 20;
 const LARGEST_OUT: usize = 4 << 20;
 /// Timeout for disconnecting.
 const CLOSE_WITHIN: Duration = Duration::from_secs(1);
-/// Reason of a broker that does not speak MQTT 3.1.1.
+/// Reason of a failed connection to a broker that does not support MQTT 3.1.1.
 const MQTT_5_ONLY: &str =
     "the broker speaks MQTT 5 only, and the gateway speaks MQTT 3.1.1: allow MQTT 3.1.1 at the broker";
 
@@ -83,8 +83,8 @@ impl Client {
         Client { to, id, user, host, clock, state_topic, is_open: Arc::default() }
     }
 
-    /// Returns the options of the library. It sends the CONNECT packet as soon as the network connection is open, and
-    /// `is_open` is set.
+    /// Returns the options of the library for one connection. The library sends the CONNECT packet as soon as the
+    /// network connection is open. At that time, `is_open` is set.
     fn options(&self, will: Option<Message>) -> MqttOptions {
         let mut options = MqttOptions::new(self.id.clone(), (self.to.host.clone(), self.to.port));
         let seconds = u16::try_from(KEEP_ALIVE.as_secs()).unwrap_or(u16::MAX);
@@ -139,7 +139,7 @@ impl Broker for Client {
     }
 }
 
-/// Record of the messages that are known to have reached the broker.
+/// Record of the sent messages, which shows those that have certainly reached the broker.
 #[derive(Debug, Default)]
 struct Tally {
     /// Times of the messages that the library has not written to the connection yet.
@@ -150,7 +150,7 @@ struct Tally {
     unanswered: usize,
     /// Time of the last ping. All messages that were made before this time had been written then.
     pinged: Option<Moment>,
-    /// Returns the time up to which all messages have reached the broker.
+    /// Time before which all messages have reached the broker.
     heard: Moment,
 }
 
@@ -176,8 +176,8 @@ impl Tally {
     }
 }
 
-/// Sender of reports from the task of the library. Free room is signalled separately, so that it uses no place of a
-/// received message in the queue.
+/// Sender of reports from the task of the library. Reports about a free place in the send queue are separate, so that
+/// they do not take the place of a received message.
 struct ReportSender {
     heard: mpsc::Sender<BrokerReport>,
     room: Arc<Notify>,
@@ -193,7 +193,7 @@ struct ReportReceiver {
     kept: KeptMessage,
 }
 
-/// Message for which the queue had no place.
+/// Received message for which the queue had no place; `None` if there is none.
 type KeptMessage = Arc<Mutex<Option<ReceivedMessage>>>;
 
 fn inbox(state_topic: Option<String>) -> (ReportSender, ReportReceiver) {
@@ -204,8 +204,8 @@ fn inbox(state_topic: Option<String>) -> (ReportSender, ReportReceiver) {
 }
 
 impl ReportSender {
-    /// Queues a received message. If the queue is full, the message is dropped. Of the state of the primary host, the
-    /// newest message is kept: the broker does not send it a second time.
+    /// Queues a received message. If the queue is full, the message is dropped. Only the newest message about the state
+    /// of the primary host is kept, because the broker does not send it again.
     fn arrived(&self, arrived: ReceivedMessage) {
         let is_state = self.state_topic.as_deref() == Some(arrived.topic.as_str());
         let mut kept = self.kept.lock().unwrap_or_else(PoisonError::into_inner);

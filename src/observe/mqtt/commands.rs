@@ -17,7 +17,7 @@ const REPORT_EVERY: Duration = Duration::from_secs(60);
 /// Executor of commands from the broker.
 #[derive(Debug)]
 pub(super) struct Commands {
-    /// Address of the broker. It is reported as the requester, because MQTT does not identify the publisher of a
+    /// Address of the broker. Events name it as the requester, because MQTT does not identify the publisher of a
     /// message.
     broker: String,
     last: Option<Moment>,
@@ -30,7 +30,7 @@ impl Commands {
         Commands { broker: broker.to_owned(), last: None, reported: None, unreported: 0 }
     }
 
-    /// Executes an allowed command, or reports why a command is rejected. `redelivered` states that the broker delivers
+    /// Executes an allowed command, or reports why a command is rejected. `redelivered` is true if the broker delivers
     /// the message again.
     pub(super) fn take(&mut self, now: Moment, outcome: Outcome, redelivered: bool, source: &dyn GatewayApi) {
         match outcome {
@@ -48,7 +48,7 @@ impl Commands {
         }
     }
 
-    /// Rejects a retained message, because it may be old, and its sender does not wait for it.
+    /// Rejects a retained message. Such a message may be old, and its sender does not wait for an answer.
     pub(super) fn refuse_retained(&mut self, now: Moment, topic: &str, source: &dyn GatewayApi) {
         let command = topic.rsplit('/').next().unwrap_or(topic).chars().take(40).collect::<String>();
         let why = "the message is retained: publish commands without the retain flag";

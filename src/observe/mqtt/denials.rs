@@ -2,10 +2,10 @@
 //!
 //! MQTT 3.1.1 has no answer for a denied message. Some brokers discard it, others close the connection. After a closed
 //! connection, the gateway sends messages one by one for a while, and waits for an answer to each. If the broker closes
-//! the connection again, the message without an answer is suspected. After [`CLOSED`] such connections, nothing more is
-//! published to its topic.
+//! the connection again, the topic of the message without an answer is suspected. After [`CLOSED`] such connections,
+//! nothing more is published to this topic.
 //!
-//! The documents of suspected topics are sent last, so that all others arrive before.
+//! The documents of suspected topics are sent last, so that all other messages arrive before them.
 
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::time::Duration;
@@ -14,26 +14,27 @@ use super::broker::Fault;
 use isotherm_core::quantity::Moment;
 use isotherm_plant::{Message, Qos};
 
-/// Number of connections that the broker closes after messages to a topic, until the topic is denied. An answer to such
-/// a message begins the count again.
+/// Number of connections closed after messages to a topic from which on the topic counts as denied. An answer to such a
+/// message resets the count.
 const CLOSED: u32 = 3;
-/// Minimum time of a connection until messages are no longer sent one by one.
+/// Minimum duration of a connection after which messages are no longer sent one by one.
 const CAREFUL_FOR: Duration = Duration::from_secs(60);
-/// Maximum wait for the answer to one message. A dead connection is found earlier. Some brokers do not answer at all.
+/// Maximum wait for the answer to one message. The keep-alive detects a dead connection earlier, and some brokers do
+/// not answer at all.
 const ANSWERED_WITHIN: Duration = Duration::from_secs(30);
-/// First level of the topics of Home Assistant. Permissions are given for all of them together.
+/// First level of the topics of Home Assistant. Brokers permit or deny all these topics together.
 const DISCOVERY: &str = "homeassistant/";
 
-/// Denied topics, and the search for them.
+/// Topics to which the gateway may not publish, and the state of the search for such topics.
 #[derive(Debug, Default)]
 pub(super) struct Denials {
     pace: Pace,
-    /// Number of connections that were closed after messages to these topics.
+    /// Number of connections that were closed after messages to a suspected topic, by topic.
     suspected: BTreeMap<String, u32>,
     denied: BTreeSet<String>,
 }
 
-/// Pace of the messages on the current connection.
+/// Pace at which messages are sent on the current connection.
 #[derive(Debug, Default)]
 enum Pace {
     /// Messages are sent without waiting for answers.
@@ -45,7 +46,7 @@ enum Pace {
         since: Moment,
         /// Topic of the message whose answer is awaited.
         awaited: Option<String>,
-        /// Time of the first [check](Denials::waits) at which this answer was missing.
+        /// Time of the first [check](Denials::waits) at which this answer had not arrived.
         missing: Option<Moment>,
         /// Number of messages that the broker has answered on this connection.
         answered: u64,
@@ -53,14 +54,15 @@ enum Pace {
 }
 
 impl Denials {
-    /// Notes that a connection begins.
+    /// Records that a connection begins.
     pub(super) fn begins(&mut self, now: Moment) {
         if let Pace::Careful { .. } = self.pace {
             self.pace = Pace::Careful { since: now, awaited: None, missing: None, answered: 0 };
         }
     }
 
-    /// Returns whether the next message may be sent. `is_done` states whether the broker has answered all earlier ones.
+    /// Returns whether the next message may be sent. `is_done` states whether the broker has answered all earlier
+    /// messages.
     pub(super) fn may_send(&mut self, is_done: bool) -> bool {
         let Pace::Careful { awaited, answered, .. } = &mut self.pace else { return true };
         if let Some(topic) = awaited.take_if(|_| is_done) {
@@ -87,7 +89,7 @@ impl Denials {
         matches!(self.pace, Pace::Careful { .. }).then(|| message.topic.clone())
     }
 
-    /// Notes that a message to this topic was sent, whose answer must be awaited.
+    /// Records that a message to this topic was sent, and that its answer must be awaited.
     pub(super) fn is_sent(&mut self, topic: &str) {
         if let Pace::Careful { awaited, missing, .. } = &mut self.pace {
             *awaited = Some(scope(topic).to_owned());
@@ -95,8 +97,8 @@ impl Denials {
         }
     }
 
-    /// Checks how long an answer is missing. If the broker does not answer on an open connection, messages are no longer
-    /// sent one by one: otherwise nothing more would be published.
+    /// Checks for how long an answer has been missing. If the broker does not answer on an open connection, messages
+    /// are no longer sent one by one: otherwise nothing more would be published.
     pub(super) fn waits(&mut self, now: Moment) {
         let Pace::Careful { awaited: Some(_), missing, .. } = &mut self.pace else { return };
         let since = *missing.get_or_insert(now);
@@ -111,7 +113,7 @@ impl Denials {
         matches!(self.pace, Pace::Careful { .. }) && !self.suspected.is_empty()
     }
 
-    /// Notes that no message waits. After a while, messages are no longer sent one by one.
+    /// Records that no message waits to be sent. After a while, messages are no longer sent one by one.
     pub(super) fn rests(&mut self, now: Moment) {
         if let Pace::Careful { since, awaited: None, .. } = &self.pace
             && now.since(*since) >= CAREFUL_FOR
@@ -120,8 +122,8 @@ impl Denials {
         }
     }
 
-    /// Evaluates the end of a connection. Returns the fault to report, and the topic that is denied from now on.
-    /// `is_done` states whether the broker had answered all messages.
+    /// Evaluates the end of a connection. Returns the fault to report, and the topic that is denied from now on, if
+    /// there is one. `is_done` states whether the broker had answered all messages.
     pub(super) fn ends(&mut self, fault: Fault, is_done: bool) -> (Fault, Option<String>) {
         self.may_send(is_done);
         let pace = std::mem::take(&mut self.pace);
@@ -144,8 +146,8 @@ impl Denials {
         }
     }
 
-    /// Returns the place of the first message that is not suspected. Only retained documents are passed over: they may
-    /// arrive in any order, but the births, data and events of a topic may not.
+    /// Returns the place of the first message that is not suspected. Only retained documents are skipped, because they
+    /// may arrive in any order. The births, data and events of a topic must arrive in order.
     fn first_unsuspected(&self, outbox: &VecDeque<(Moment, Message)>) -> usize {
         let is_next = |(_, message): &(Moment, Message)| {
             !message.retained || !self.suspected.contains_key(scope(&message.topic))

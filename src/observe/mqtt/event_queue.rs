@@ -11,10 +11,10 @@ use isotherm_plant::{Importance, PlantEvent};
 /// Maximum number of events that wait for the broker. Above it, the oldest events are dropped.
 const MOST: usize = 1000;
 
-/// Queue of events that are not published yet.
+/// Queue of the events that are not published yet.
 #[derive(Debug, Default)]
 pub(super) struct EventQueue {
-    /// Number of all events since the start, at the last sample.
+    /// Number of events since the start of the gateway, at the last sample.
     seen: u64,
     waiting: VecDeque<PlantEvent>,
     dropped: u64,

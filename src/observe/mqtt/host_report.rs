@@ -7,7 +7,7 @@ use isotherm_plant::PrimaryHost;
 /// Time after which a host without any message about its state is reported. The broker sends a retained state at once.
 const UNKNOWN_FOR: Duration = Duration::from_secs(5);
 
-/// State that was reported last.
+/// State of the primary host that was reported last.
 #[derive(Debug, Default)]
 pub(super) enum HostReport {
     /// The host is online, or nothing was reported yet.
@@ -17,7 +17,7 @@ pub(super) enum HostReport {
     Absent,
 }
 
-/// Change to report.
+/// Change of the primary host's state that must be reported.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum HostNews {
     /// The host is offline, for this reason.
@@ -26,15 +26,17 @@ pub(super) enum HostNews {
 }
 
 impl HostReport {
-    /// Evaluates the state of the host, `waited` after the subscription to its state. Returns a change to report.
+    /// Evaluates the state of the host. `waited` is the time since the subscription to this state. Returns a change
+    /// that must be reported; `None` if there is none.
     pub(super) fn check(&mut self, host: PrimaryHost, waited: Duration) -> Option<HostNews> {
         let (report, news) = match (&self, host) {
             (HostReport::Present, PrimaryHost::Offline) => {
                 (HostReport::Absent, HostNews::Offline("the host is offline"))
             }
-            (HostReport::Present, PrimaryHost::Unknown) if waited >= UNKNOWN_FOR => {
-                (HostReport::Absent, HostNews::Offline("the broker knows no state of this host"))
-            }
+            (HostReport::Present, PrimaryHost::Unknown) if waited >= UNKNOWN_FOR => (
+                HostReport::Absent,
+                HostNews::Offline("the broker has no message about the state of this host"),
+            ),
             (HostReport::Absent, PrimaryHost::Online) => (HostReport::Present, HostNews::Online),
             _ => return None,
         };
@@ -61,7 +63,7 @@ mod tests {
             (Online, 0, Some(HostNews::Online)),
             (Online, 1, None),
             (Unknown, 4, None),
-            (Unknown, 5, offline("the broker knows no state of this host")),
+            (Unknown, 5, offline("the broker has no message about the state of this host")),
             (Offline, 6, None),
             (Online, 7, Some(HostNews::Online)),
             (NotNeeded, 100, None),

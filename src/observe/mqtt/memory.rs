@@ -1,8 +1,8 @@
 //! Files that show what earlier runs have published.
 //!
-//! The death number (bdSeq) of a Sparkplug node must follow that of the last run. For JSON messages, the broker
-//! retains the last message of each topic. If a topic is no longer published, its last message would look current
-//! forever. The topics are therefore saved, and the next run clears those that it does not publish.
+//! The death number (bdSeq) of a Sparkplug node must follow that of the last run. For JSON messages, the broker retains
+//! the last message of each topic. If a topic is no longer published, its last message would look current forever. The
+//! topics are therefore saved, and the next run clears the topics that it does not publish.
 
 use std::collections::BTreeSet;
 use std::path::Path;
@@ -16,7 +16,7 @@ use isotherm_plant::{Message, Publisher, Qos};
 const DEATHS: &str = "bdseq";
 /// Name of the file with the topics, in the directory of unpublished records.
 const TOPICS: &str = "topics";
-/// Age of a connection after which its first messages are assumed to be delivered.
+/// Age of a connection from which on its first messages count as delivered.
 const ARRIVED_AFTER: Duration = Duration::from_secs(60);
 
 /// Memory of what earlier runs have published.
@@ -28,13 +28,13 @@ pub(super) enum Memory {
         file: TopicsFile,
         /// Topics of earlier runs that this run does not publish, and whose messages are not known to be cleared.
         gone: BTreeSet<String>,
-        /// Start of this connection, and the topics that were published on it.
+        /// Start of this connection, and the topics to which messages were published on it.
         told: (Moment, BTreeSet<String>),
     },
 }
 
 impl Memory {
-    /// Reads the death number of the last run. `None` if there is none: the numbers begin at zero.
+    /// Reads the death number of the last run. `None` if no number was saved: the numbers then begin at zero.
     pub(super) fn of_deaths(directory: &Path) -> (Memory, Option<u8>) {
         let file = NumberFile::at(directory.join(DEATHS));
         let last = file.read().ok().flatten();
@@ -88,7 +88,7 @@ impl Memory {
         *told = (now, topics);
     }
 
-    /// Removes the cleared topics from the file when the messages that clear them are assumed to be delivered.
+    /// Removes the cleared topics from the file as soon as the messages that clear them count as delivered.
     pub(super) fn publishes(&mut self, now: Moment) {
         if let Memory::Topics { file, gone, told: (since, topics) } = self
             && !gone.is_empty()

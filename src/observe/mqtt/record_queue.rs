@@ -1,5 +1,5 @@
-//! Queue of records for an unreachable broker. If the message format supports values of the past, the queue is on disk,
-//! otherwise in memory.
+//! Queue of records for an unreachable broker. The queue is on disk if the message format supports values of the past.
+//! Otherwise, it is in memory.
 
 use std::collections::VecDeque;
 use std::path::Path;
@@ -15,8 +15,8 @@ const AT_A_TIME: usize = 500;
 
 /// Queue of records that wait for the broker, oldest first.
 pub(super) enum RecordQueue {
-    /// Records in memory. They are removed when they are published. After a lost connection, the publisher returns
-    /// those that may be undelivered.
+    /// Records in memory. They are removed when they are published. After a lost connection, the publisher puts back
+    /// the records that may be undelivered.
     Memory { records: VecDeque<Record>, dropped: u64 },
     /// Records on disk. They are removed when the broker has received them. `told` contains the time and the number of
     /// the records that were published last.
@@ -49,7 +49,7 @@ impl RecordQueue {
         }
     }
 
-    /// Puts back records that were published before the waiting ones, and may be undelivered. Call this function before
+    /// Puts published records that may be undelivered back to the front of the queue. Call this function before
     /// [`is_broken`](RecordQueue::is_broken).
     pub(super) fn take_back(&mut self, told: Vec<Record>) {
         match self {
@@ -66,7 +66,7 @@ impl RecordQueue {
         }
     }
 
-    /// Returns the oldest records, to be published now. The broker has received everything that was published before
+    /// Returns the oldest records, for publishing now. The broker has received everything that was published before
     /// `heard`.
     pub(super) fn next(&mut self, now: Moment, heard: Moment) -> Vec<Record> {
         match self {
@@ -89,7 +89,7 @@ impl RecordQueue {
         }
     }
 
-    /// Returns the records that would be lost at the end of the program, to be published now. Records on disk remain
+    /// Returns the records that would be lost at the end of the program, for publishing now. Records on disk remain
     /// there.
     pub(super) fn ends(&mut self) -> Vec<Record> {
         match self {
@@ -98,7 +98,7 @@ impl RecordQueue {
         }
     }
 
-    /// Notes that the connection is broken, so that the records of the last publication are published again.
+    /// Records that the connection is broken. The records of the last publication are then published again.
     pub(super) fn is_broken(&mut self) {
         if let RecordQueue::Disk { told, .. } = self {
             *told = None;
@@ -120,7 +120,7 @@ impl RecordQueue {
         }
     }
 
-    /// Returns the error of the disk once, when the disk begins to fail.
+    /// Returns the disk error, but only once after the disk begins to fail.
     pub(super) fn fails(&mut self) -> Option<String> {
         let RecordQueue::Disk { store, .. } = self else { return None };
         std::iter::from_fn(|| store.news()).find_map(|news| match news {

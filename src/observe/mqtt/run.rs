@@ -49,7 +49,7 @@ pub(super) struct Runner {
     pub(super) every: Duration,
     pub(super) resolutions: Vec<f64>,
     pub(super) happenings: EventQueue,
-    /// Last sample of the state, and its time.
+    /// Last sample of the state, and the time of this sample.
     pub(super) seen: (Moment, Snapshot),
     pub(super) kept: RecordQueue,
     pub(super) commands: Commands,
@@ -157,8 +157,8 @@ impl Runner {
         }
     }
 
-    /// Reports the end of an outage, when the broker has answered the subscriptions. While a topic is suspected, the
-    /// broker may close the connection again.
+    /// Reports the end of an outage when the broker has answered the subscriptions. No report is made while a topic is
+    /// suspected, because the broker may then close the connection again.
     fn report_up(&mut self) {
         if self.denials.has_suspects() {
             return;
@@ -249,8 +249,8 @@ impl Runner {
         }
     }
 
-    /// Subscribes to the topics of commands and of the primary host. The broker has answered before the first message
-    /// is published, so that a command in reply to this message arrives.
+    /// Subscribes to the topics of commands and of the primary host. The first message is published only after the
+    /// broker has answered. Otherwise, a command in reply to that message could be lost.
     async fn subscribed(
         &mut self,
         connection: &mut impl Connection,
@@ -273,7 +273,7 @@ impl Runner {
         Ok(())
     }
 
-    /// Notes the answer of the broker to a subscription, and reports a change.
+    /// Records the answer of the broker to a subscription, and reports a change.
     fn is_answered(&mut self, topic: String, answer: SubscriptionAnswer) {
         let broker = self.address.clone();
         let is_known = self.figures.read().refused.contains(&topic);
@@ -319,7 +319,8 @@ impl Runner {
         }
     }
 
-    /// Updates the state of the primary host in the status, `waited` after the subscription to it. Reports a change.
+    /// Updates the state of the primary host in the status, and reports a change. `waited` is the time since the
+    /// subscription to this state.
     fn check_host(&mut self, waited: Duration) {
         let host = self.publisher.host();
         self.figures.note(|figures| host.name().clone_into(&mut figures.primary_host));
@@ -331,7 +332,7 @@ impl Runner {
         }));
     }
 
-    /// Makes messages from the changes of the state, and from stored records. If earlier messages still wait, only
+    /// Makes messages from the changes of the state, and from stored records. While earlier messages still wait, only
     /// events are queued.
     fn tell(&mut self, connection: &impl Connection) {
         self.report_up();
@@ -373,7 +374,7 @@ impl Runner {
         Snapshot { events: self.happenings.take(), ..self.seen.1.clone() }
     }
 
-    /// Returns a snapshot to publish now. If the format requires the order of events and older ones are stored, the new
+    /// Returns a snapshot to publish now. If the format requires events in order, and older events are stored, the new
     /// events are stored after them.
     fn snapshot_in_order(&mut self, now: Moment) -> Snapshot {
         let mut snapshot = self.snapshot();
@@ -384,7 +385,7 @@ impl Runner {
         snapshot
     }
 
-    /// Samples the state and stores its records, while nothing is published.
+    /// Samples the state and stores its records, because nothing can be published now.
     fn keep(&mut self) {
         let now = self.clock.time_of_day();
         let snapshot = self.snapshot();
@@ -497,8 +498,8 @@ impl Runner {
     }
 
     /// Publishes the end of the machine or node and closes the connection, because the primary host is offline or the
-    /// gateway stops. The values of the last minutes are stored again: the broker reports a host that has died only
-    /// after a while.
+    /// gateway stops. The values of the last minutes are stored again, because the host may not have received them: the
+    /// broker reports a dead host only after a while.
     async fn leaves(&mut self, mut connection: impl Connection) {
         self.outbox.clear();
         let now = self.clock.time_of_day();

@@ -1,4 +1,4 @@
-//! Reader for the answer of a server: status line and headers of HTTP/1.1 show whether the server has accepted the
+//! Reader of a server's answer. The status line and the headers of HTTP/1.1 show whether the server has accepted the
 //! message.
 
 use std::time::Duration;
@@ -13,7 +13,7 @@ use isotherm_profile::Url;
 const LONGEST: usize = 16 * 1024;
 /// Maximum number of headers of an answer.
 const MOST_HEADERS: usize = 64;
-/// Maximum pause that a server may request. A longer one is shortened.
+/// Maximum pause that a server may request. A longer pause is shortened to it.
 const LONGEST_PAUSE: Duration = Duration::from_secs(3600);
 
 /// Reads an answer. Returns `Ok` if the server has accepted the message. The body of the answer is not read.
@@ -60,7 +60,7 @@ fn assessed(code: u16, headers: &[Header<'_>]) -> Result<(), Failure> {
     }
 }
 
-/// Returns the address in a redirection, without parts that may be secret.
+/// Returns the address in a redirection without the parts that may be secret, for a message.
 fn shown(location: &str) -> String {
     Url::parse(location).map_or("another path of the same server".to_owned(), |url| url.to_string())
 }

@@ -29,7 +29,7 @@ pub struct Rules {
 }
 
 impl Default for Rules {
-    /// Returns the default timeouts. With them, the first message is tried for a quarter of an hour.
+    /// Returns the default timeouts. With these timeouts, the first message is tried for a quarter of an hour.
     fn default() -> Rules {
         Rules {
             timeout: Duration::from_secs(10),
@@ -41,8 +41,8 @@ impl Default for Rules {
 }
 
 impl Rules {
-    /// Returns the pause after this number of consecutive failures. It is partly random, so that many gateways do not
-    /// connect to one server at the same time.
+    /// Returns the pause after this number of consecutive failures. The pause is partly random, so that many gateways
+    /// do not connect to one server at the same time.
     fn pause(&self, failures: u32) -> Duration {
         let doubled = 2_u32.saturating_pow(failures.saturating_sub(1));
         let pause = self.first_pause.saturating_mul(doubled).min(self.longest_pause);

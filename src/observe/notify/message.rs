@@ -25,8 +25,8 @@ impl Message {
         Message { machine: machine.to_owned(), count, dry_run, entry, change }
     }
 
-    /// Formats the body: the filled template, or the whole document without one. `dropped` is the same as in
-    /// [`Message::json`].
+    /// Formats the body of the message: the filled template, or the whole JSON document if `template` is `None`.
+    /// `dropped` has the same meaning as in [`Message::json`].
     pub(super) fn body(&self, template: Option<&BodyTemplate>, dropped: u64) -> String {
         let json = match template {
             Some(template) => template.fill(|field| self.field(field, dropped)),
@@ -60,8 +60,8 @@ impl Message {
         }
     }
 
-    /// Formats the document. `dropped` is the number of earlier messages that were dropped and are not reported to the
-    /// server yet.
+    /// Formats the JSON document. `dropped` is the number of earlier messages that were dropped and are not reported to
+    /// the server yet.
     pub(super) fn json(&self, dropped: u64) -> Value {
         let Entry { at, kind, level, text, data } = &self.entry;
         let mut json = Map::new();

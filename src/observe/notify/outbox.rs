@@ -11,8 +11,8 @@ use crate::observe::events::{Delivery, Event, ReportedEvent};
 use isotherm_core::compensation::AxisState;
 use isotherm_profile::{ALARM, ALARM_OVER, AXIS_OFF, CLOCK, Notify, UNVERIFIED};
 
-/// Maximum number of waiting messages. Above it, the oldest messages are dropped, because the newest ones are the most
-/// useful.
+/// Maximum number of waiting messages. Above this number, the oldest messages are dropped, because the newest messages
+/// are the most useful.
 const MOST: usize = 100;
 
 /// Queue of messages for one server.
@@ -36,8 +36,8 @@ struct Queue {
     losses: Losses,
 }
 
-/// Counter of the dropped messages that are reported as events: at once, then whenever their number has doubled, and
-/// when the queue is empty.
+/// Counter of the dropped messages. Events report them at once, then whenever their number has doubled, and when the
+/// queue is empty.
 #[derive(Debug, Default)]
 struct Losses {
     unreported: u64,
@@ -45,7 +45,8 @@ struct Losses {
 }
 
 impl Losses {
-    /// Adds dropped messages. Returns the number to report now; `None` if nothing is reported.
+    /// Adds a number of dropped messages. Returns the number that must be reported now; `None` if nothing must be
+    /// reported.
     fn more(&mut self, count: u64, is_over: bool) -> Option<u64> {
         self.unreported += count;
         let is_news = self.unreported > 0 && (is_over || self.unreported >= self.reported);
@@ -115,8 +116,8 @@ impl Outbox {
         }
     }
 
-    /// Takes the next message from the queue, if there is one. The caller then calls [`Outbox::arrived`] or
-    /// [`Outbox::given_up`].
+    /// Takes the next message from the queue; `None` if the queue is empty. After a message, the caller must call
+    /// [`Outbox::arrived`] or [`Outbox::given_up`].
     pub(super) fn take(&self) -> Option<Message> {
         let mut queue = self.queue();
         let message = queue.waiting.pop_front();
@@ -124,13 +125,13 @@ impl Outbox {
         message
     }
 
-    /// Returns the number of dropped messages, for the message that is sent now.
+    /// Returns the number of dropped messages that the next message must report.
     pub(super) fn dropped(&self) -> u64 {
         self.queue().dropped
     }
 
-    /// Records that a message was delivered. `told` is the number of dropped messages that it contained. Returns the
-    /// number of dropped messages to report as an event; `None` if nothing is reported.
+    /// Records that a message was delivered. `told` is the number of dropped messages that this message reported.
+    /// Returns the number of dropped messages to report as an event; `None` if nothing is reported.
     pub(super) fn arrived(&self, told: u64) -> Option<u64> {
         let mut queue = self.queue();
         queue.is_under_way = false;
@@ -152,7 +153,7 @@ impl Outbox {
         queue.dropped + u64::from(queue.is_under_way) + queue.waiting.len() as u64
     }
 
-    /// Makes the event about all lost messages at the end of the program. `None` if there are none.
+    /// Makes the event about all lost messages at the end of the program. `None` if no messages are lost.
     pub(super) fn all_dropped(&self) -> Option<Delivery> {
         let (notify, to) = (self.notify.name.clone(), self.notify.url.to_string());
         let count = self.left() + self.queue().losses.unreported;
@@ -164,7 +165,7 @@ impl Outbox {
     }
 }
 
-/// Returns whether the axis has stopped following its model. A stop of the gateway does not count.
+/// Returns whether the event means that an axis has stopped following its model. A stop of the gateway does not count.
 fn loses_its_axis(event: &Event) -> bool {
     let follows =
         |name: &str| [AxisState::Active, AxisState::Degraded].iter().any(|state| state.name() == name);

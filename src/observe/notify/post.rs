@@ -12,7 +12,7 @@ use crate::net::{ConnectError, Host, Stream};
 use crate::tls::TlsFault;
 use isotherm_profile::{Notify, Url};
 
-/// Receiver of messages: a server, or an object that takes its place in tests.
+/// Destination of messages: a server, or a replacement in tests.
 pub trait Post {
     /// Sends one message, and waits until the server has accepted it.
     fn post(&self, body: &str) -> impl Future<Output = Result<(), Failure>> + Send;
@@ -82,17 +82,17 @@ impl Failure {
             if ![401, 403, 404, 407, 408, 409, 421, 423, 425, 429].contains(code))
     }
 
-    /// Returns whether the failure is a timeout. Another attempt may take the same time again.
+    /// Returns whether the failure is a timeout. A further attempt may again take the whole timeout.
     pub(super) fn is_silence(&self) -> bool {
         matches!(self, Failure::Silent(_))
     }
 
-    /// Returns the pause that the server has requested. `None` if it has requested none.
+    /// Returns the pause that the server has requested; `None` if the server has not requested a pause.
     pub(super) fn pause(&self) -> Option<Duration> {
         if let Failure::Answered(_, pause) = self { *pause } else { None }
     }
 
-    /// Makes the failure of a broken connection.
+    /// Makes the failure for a broken connection.
     pub(super) fn broken(error: &io::Error) -> Failure {
         // With TLS 1.3, the server checks the client's certificate after the handshake.
         if let Some(fault) = TlsFault::of(error) {
@@ -136,7 +136,7 @@ fn remedy(fault: TlsFault) -> Option<&'static str> {
     })
 }
 
-/// Server of a profile entry.
+/// Server of a `[[notify]]` entry of the profile.
 pub struct Server {
     url: Url,
     token_file: Option<PathBuf>,
@@ -145,7 +145,7 @@ pub struct Server {
 }
 
 impl Server {
-    /// Creates the server of a profile entry. `trust` is used only for https.
+    /// Creates the server of a `[[notify]]` entry. `trust` is used only for https.
     pub fn of(notify: &Notify, trust: Trust) -> Server {
         let (url, token_file) = (notify.url.clone(), notify.token_file.clone());
         let trust = url.tls.then_some(trust).transpose();
@@ -153,7 +153,7 @@ impl Server {
         Server { url, token_file, host }
     }
 
-    /// Connects to the server up to the end of the TLS handshake, and sends nothing.
+    /// Connects to the server and completes the TLS handshake, but sends no message.
     ///
     /// # Errors
     /// The server cannot be reached.

@@ -1,27 +1,29 @@
 //! Catalogue of the status fields, from which the nodes are made: names, types, units and descriptions.
 //!
-//! The catalogue is the chapter `docs/status.md` of the manual. It is made from the comments of the status structs, and
-//! a test compares both. A new field of the status is therefore a new node, without a change here.
+//! The catalogue is the chapter `docs/status.md` of the manual. The chapter is made from the comments of the status
+//! structs, and a test compares the two. A new field of the status therefore becomes a new node without a change of
+//! this module.
 
 /// Chapter of the manual with all fields of the status.
 const CHAPTER: &str = include_str!("../../../docs/status.md");
 
-/// Section of the machine as a whole.
+/// Title of the chapter's section about the machine as a whole.
 pub(super) const MACHINE: &str = "The whole";
-/// Section of the axes.
+/// Title of the section about the axes.
 pub(super) const AXES: &str = "axes[]";
-/// Section of the signals.
+/// Title of the section about the signals.
 pub(super) const SIGNALS: &str = "signals[]";
-/// Section of the outputs.
+/// Title of the section about the outputs.
 pub(super) const OUTPUTS: &str = "outputs[]";
-/// Section of the devices.
+/// Title of the section about the devices.
 pub(super) const DEVICES: &str = "devices[]";
-/// Section of the active alarms.
+/// Title of the section about the active alarms.
 pub(super) const ALARMS: &str = "alarms[]";
-/// Section of the last events.
+/// Title of the section about the last events.
 pub(super) const EVENTS: &str = "events[]";
 
-/// Fields without a node. The node has the content in another form, or the content changes with every update.
+/// Fields that have no node. Another node has the same content in another form, or the content changes with every
+/// update.
 const LEFT_OUT: [&str; 14] = [
     // The name is a part of the identifier, the label is the display name, the unit is a property.
     "name",
@@ -50,13 +52,13 @@ pub(super) struct Field {
     pub(super) name: &'static str,
     /// Type of the value.
     pub(super) kind: Kind,
-    /// Unit of the value; empty if it has none, or if it depends on the item.
+    /// Unit of the value; empty if the value has no unit, or if the unit depends on the item.
     pub(super) unit: &'static str,
     /// Description, one or more sentences.
     pub(super) about: &'static str,
 }
 
-/// Type of a field, as far as it has nodes.
+/// Type of a field that has nodes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Kind {
     /// Floating-point number.
@@ -80,7 +82,7 @@ pub(super) fn fields(section: &str) -> Vec<Field> {
     lines.take_while(|line| !line.starts_with("## ")).filter_map(field).collect()
 }
 
-/// Parses a row of a table. `None` for another line, and for a field without nodes.
+/// Parses a row of a table in the chapter. `None` for any other line, and for a field without nodes.
 fn field(line: &'static str) -> Option<Field> {
     let row = line.strip_prefix("| `")?;
     let (name, rest) = row.split_once("` | ")?;

@@ -6,9 +6,9 @@ use super::catalogue::Kind;
 use super::sampler::{Quality, Sample, Value};
 use isotherm_core::quantity::Moment;
 
-/// Nanoseconds of one tick of OPC UA.
+/// Length of one OPC UA time tick, ns.
 const TICK: u64 = 100;
-/// Ticks from 1601, where OPC UA begins to count, to 1970.
+/// Number of ticks between 1601, the start of OPC UA time, and 1970.
 const TO_1970: i64 = 116_444_736_000_000_000;
 
 /// Returns the data type of a variable.
@@ -21,7 +21,7 @@ pub(super) fn data_type(kind: Kind) -> DataTypeId {
     }
 }
 
-/// Returns a sample as value, status and source time. `now` is the time of the server.
+/// Converts a sample to an OPC UA value with status and source time. `now` is the server time.
 pub(super) fn data_value(sample: &Sample, now: DateTime) -> DataValue {
     DataValue {
         // Without a value, the library would not send the status.
@@ -34,11 +34,11 @@ pub(super) fn data_value(sample: &Sample, now: DateTime) -> DataValue {
     }
 }
 
-/// Returns a value as subscriptions receive it.
+/// Returns a value in the form in which subscriptions receive it.
 ///
-/// The library compares only the values for a client without a filter. Such a client would not receive a new status of
-/// the same number. Therefore a number with one of the two uncertain statuses differs by its last binary digit, in
-/// another direction for each status.
+/// For a client without a filter, the library compares only the values. Such a client would not receive a change of the
+/// status if the number stays the same. Therefore a number with one of the two uncertain statuses is changed in its
+/// last binary digit, upwards for one status, downwards for the other.
 pub(super) fn subscribed(mut value: DataValue) -> DataValue {
     let status = value.status;
     if let Some(Variant::Double(number)) = &mut value.value {
@@ -51,7 +51,7 @@ pub(super) fn subscribed(mut value: DataValue) -> DataValue {
     value
 }
 
-/// Returns a point in time in ticks.
+/// Converts a time to OPC UA ticks.
 pub(super) fn date_time(at: Moment) -> DateTime {
     let ticks = i64::try_from(at.as_nanos() / TICK).unwrap_or(i64::MAX - TO_1970);
     DateTime::from(ticks.saturating_add(TO_1970))

@@ -1,8 +1,8 @@
-//! Door of the library: only the gate may connect to the loopback port at which the library listens.
+//! Access protection of the library: only the gate may connect to the loopback port on which the library listens.
 //!
-//! Without it, other users of the computer could pass by the limits of the gate, and take all file descriptors of the
-//! gateway. The kernel drops each packet to this port whose source port is not one that the gate has just bound. The
-//! filter of a connection stays what it was when the connection was opened.
+//! Without this protection, other users of the computer could bypass the limits of the gate, and use up all file
+//! descriptors of the gateway. The kernel drops each packet to this port unless the gate has just bound the packet's
+//! source port. Each accepted connection keeps the filter that was set when it was opened.
 
 use std::io;
 use std::net::{Ipv4Addr, SocketAddr};
@@ -12,8 +12,8 @@ use socket2::{SockFilter, Socket};
 use tokio::net::{TcpListener, TcpSocket, TcpStream};
 use tokio::sync::Mutex;
 
-/// Number of connections that may be opened meanwhile. The kernel may still handle the packets of one when the next one
-/// begins.
+/// Number of recent source ports that the filter accepts. The kernel may still handle the packets of one connection
+/// when the next connection begins.
 const RECENT: usize = 4;
 
 /// Instructions of the Berkeley Packet Filter: load 16 bits, compare and jump, and return the bytes to accept.
@@ -21,17 +21,17 @@ const LOAD: u16 = 0x28;
 const IS_EQUAL: u16 = 0x15;
 const RETURN: u16 = 0x06;
 
-/// Way to the library.
+/// Protected access to the loopback port of the library.
 pub(super) struct Door {
     address: SocketAddr,
-    /// Socket at which the library listens; `None` if the system cannot filter its packets.
+    /// Socket on which the library listens; `None` if the system cannot filter its packets.
     listener: Option<Socket>,
-    /// Source ports of the last connections.
+    /// Source ports of the most recent connections.
     ports: Mutex<[u16; RECENT]>,
 }
 
 impl Door {
-    /// Closes the port of this listener for everyone else.
+    /// Closes the port of this listener to all other programs.
     ///
     /// # Errors
     /// The socket cannot be used.

@@ -1,4 +1,4 @@
-//! Events of the gateway as events of OPC UA.
+//! Conversion of the events of the gateway to OPC UA events.
 
 use ::opcua::nodes::BaseEventType;
 use ::opcua::types::{ByteString, LocalizedText, NodeId, ObjectTypeId, UAString};
@@ -8,23 +8,23 @@ use crate::observe::events::{Entry, Level};
 use crate::observe::status::Status;
 use isotherm_core::quantity::{Moment, time};
 
-/// Events that are new since the last sample of the status.
+/// Source of the OPC UA events. It finds the events that are new since the last sample of the status.
 #[derive(Debug)]
 pub(super) struct EventFeed {
-    /// Number of all events since the start, at the last sample.
+    /// Number of events since the start of the gateway, at the last sample.
     seen: u64,
-    /// Time of the start, which makes the identifiers of the events unique.
+    /// Start time of the server, which makes the identifiers of the events unique.
     start: Moment,
 }
 
 impl EventFeed {
-    /// Begins with the events after this status.
+    /// Creates a feed that begins with the events after this status.
     pub(super) fn after(status: &Status, start: Moment) -> EventFeed {
         EventFeed { seen: total(status), start }
     }
 
-    /// Returns the new events, oldest first. Each has a number of its own. Events that the status does not contain any
-    /// more are lost here; `isotherm events` still shows them.
+    /// Returns the new events, oldest first, each with its own number. Events that the status no longer contains are
+    /// not sent to OPC UA clients; `isotherm events` still shows them.
     pub(super) fn take_new<'s>(&mut self, status: &'s Status) -> Vec<(u64, &'s Entry)> {
         let all = total(status);
         let new = usize::try_from(all.saturating_sub(self.seen)).unwrap_or(usize::MAX);
@@ -34,7 +34,7 @@ impl EventFeed {
         (first..all).zip(&status.events[status.events.len() - shown..]).collect()
     }
 
-    /// Converts an event. `source` is the node of the machine.
+    /// Converts an event to an OPC UA event. `source` is the node of the machine.
     pub(super) fn event(
         &self,
         (number, entry): (u64, &Entry),
@@ -55,7 +55,7 @@ fn total(status: &Status) -> u64 {
     status.event_counts.values().sum()
 }
 
-/// Severity of an event: low, medium or high in the terms of OPC UA.
+/// Returns the OPC UA severity of an event: low, medium or high.
 fn severity(level: Level) -> u16 {
     match level {
         Level::Info => 100,

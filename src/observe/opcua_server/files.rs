@@ -1,11 +1,11 @@
-//! Certificates, keys and users of the server, as the caller has read and checked them.
+//! Certificates, keys and users of the server. The caller has read and checked them.
 
 use std::fmt;
 
 /// Certificates, keys and users of the server.
 #[derive(Clone, Debug, Default)]
 pub struct ServerFiles {
-    /// Certificate and private key of the server; `None` without security.
+    /// Certificate and private key of the server; `None` if the server has no security.
     pub own: Option<OwnCertificate>,
     /// Application URI of the server. Clients compare it with the URI in the certificate.
     pub application: String,
@@ -24,18 +24,18 @@ pub struct OwnCertificate {
     pub key: Vec<u8>,
 }
 
-/// User with the secret by which it logs in.
+/// User with the secret that the user needs to log in.
 #[derive(Clone, Debug)]
 pub struct Login {
     /// Name of the user.
     pub name: String,
-    /// Secret by which the user logs in.
+    /// Secret that the user needs to log in.
     pub secret: Secret,
     /// Whether the user may send measured errors.
     pub takes_measured: bool,
 }
 
-/// Secret by which a user logs in.
+/// Secret that a user needs to log in.
 #[derive(Clone)]
 pub enum Secret {
     /// Password.

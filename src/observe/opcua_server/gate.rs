@@ -1,14 +1,16 @@
-//! Gate in front of the library: it accepts the connections of clients, limits them, and passes their bytes on to the
-//! library over a loopback connection.
+//! Gate in front of the OPC UA library. The gate accepts the connections of clients, limits them, and forwards their
+//! bytes to the library over a loopback connection.
 //!
-//! The library accepts any number of connections, and keeps any number of answers for a client that reads none. The gate
-//! therefore limits:
+//! The library accepts any number of connections, and stores any number of answers for a client that does not read. The
+//! gate therefore limits:
 //!
-//! - the connections, in total and for each client address, so that bus lines and files keep their file descriptors;
-//! - the bytes that a client may send in a second, and with them the processor time that it can use;
-//! - the time for which a client may read nothing. Meanwhile, nothing that it sends is passed on;
-//! - the messages to those that an endpoint offers ([`Screen`]);
-//! - the channels with security that are opened in a second, because the library decrypts and signs for each one.
+//! - the number of connections, in total and for each client address, so that enough file descriptors remain for bus
+//!   lines and files;
+//! - the bytes that a client may send in a second, which also limits the processor time that the client can use;
+//! - the time for which a client may read nothing. During this time, no bytes of the client are forwarded;
+//! - the kinds of messages, to those that an endpoint offers ([`Screen`]);
+//! - the number of secure channels that are opened in a second, because the library must decrypt and sign for each
+//!   channel.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -26,26 +28,26 @@ use super::screen::{Refusal, Rules, Screen, Then};
 use crate::clock::Silence;
 use crate::observe::http::connection_limiter::ConnectionLimiter;
 
-/// Time for which a client may read nothing, before its connection is closed.
+/// Maximum time for which a client may read nothing before its connection is closed.
 const STALL: Duration = Duration::from_secs(10);
-/// Bytes that a client may send in a second.
+/// Maximum number of bytes that a client may send in a second.
 const RATE: f64 = 256.0 * 1024.0;
-/// Bytes that are passed on at once.
+/// Maximum number of bytes that are forwarded in one step.
 const PIECE: usize = 16 * 1024;
-/// Size of the send buffer of a client's connection in the kernel, in bytes. It is the amount that a client may leave
-/// unread.
+/// Size of the send buffer of a client's connection in the kernel, in bytes. A client may leave this many bytes unread.
 const UNREAD: usize = 256 * 1024;
-/// Shortest time between two channels with security. Sixteen clients that connect at a time are served within the time
-/// that the library waits for them.
+/// Minimum time between the openings of two secure channels. Sixteen clients that connect at the same time can be
+/// served before the library's timeout.
 const OPENING: Duration = Duration::from_millis(200);
-/// Wait after a connection that could not be accepted, in which others may end and release file descriptors.
+/// Wait after a connection could not be accepted. During this wait, other connections may end and release file
+/// descriptors.
 const AGAIN: Duration = Duration::from_millis(200);
 
 /// Open connections of clients.
 #[derive(Debug, Default)]
 pub(super) struct Clients {
     count: AtomicUsize,
-    /// Wakes the updates of the values when the first client connects.
+    /// Notification for the updates of the values when the first client connects.
     pub(super) first: Notify,
 }
 
@@ -63,7 +65,7 @@ impl Clients {
     }
 }
 
-/// One open connection. Dropping it ends the count.
+/// One open connection. When the value is dropped, the connection is no longer counted.
 struct Client(Arc<Clients>);
 
 impl Drop for Client {
@@ -72,7 +74,7 @@ impl Drop for Client {
     }
 }
 
-/// Accepts connections without end, and passes them on through the door of the library.
+/// Accepts connections in an endless loop, and forwards them through the protected port of the library.
 pub(super) async fn serve(
     listener: TcpListener,
     (door, rules): (Arc<Door>, Arc<Rules>),
@@ -108,8 +110,8 @@ pub(super) async fn serve(
     }
 }
 
-/// Passes the bytes of one client on, until either end closes or the client stops reading. Returns the reason if the
-/// client was refused.
+/// Forwards the bytes of one client until either end closes the connection, or until the client stops reading. Returns
+/// the reason if the client was refused.
 async fn pass_on(client: TcpStream, door: &Door, limits: (Screen, &Pace)) -> Option<Refusal> {
     let server = door.connect().await.ok()?;
     // Both directions consist of small messages that are answered at once.
@@ -120,15 +122,15 @@ async fn pass_on(client: TcpStream, door: &Door, limits: (Screen, &Pace)) -> Opt
     relay((from_client, to_client), (from_server, to_server), limits).await
 }
 
-/// Pace at which channels with security are opened, over all connections.
+/// Pace at which secure channels are opened, over all connections.
 #[derive(Default)]
 struct Pace {
-    /// Time of the last one.
+    /// Time at which the last secure channel was opened.
     last: Mutex<Option<Silence>>,
 }
 
 impl Pace {
-    /// Waits until a channel may be opened.
+    /// Waits until a secure channel may be opened.
     async fn turn(&self) {
         let mut last = self.last.lock().await;
         if let Some(last) = *last {
@@ -138,12 +140,12 @@ impl Pace {
     }
 }
 
-/// State that both directions of a connection share.
+/// State that the two directions of a connection share.
 #[derive(Default)]
 struct Shared {
-    /// Held while an answer waits for the client.
+    /// Lock that is held while an answer waits for the client.
     writing: Mutex<()>,
-    /// Notified of each answer of the library.
+    /// Notification for each answer of the library.
     answered: Notify,
 }
 
@@ -164,8 +166,8 @@ async fn relay(
     refusal
 }
 
-/// Passes requests on, at most [`RATE`] bytes a second, and none while an answer waits for the client. Returns the
-/// reason if a message is refused, and `None` if either end is closed.
+/// Forwards requests, at most [`RATE`] bytes a second, and none while an answer waits for the client. Returns the
+/// reason if a message is refused, and `None` if either end has closed the connection.
 async fn requests(
     mut from: impl AsyncRead + Unpin,
     mut to: impl AsyncWrite + Unpin,
@@ -197,7 +199,7 @@ async fn requests(
     }
 }
 
-/// Passes answers on, until the client accepts no byte for [`STALL`].
+/// Forwards answers until the client accepts no byte for [`STALL`].
 async fn answers(
     mut from: impl AsyncRead + Unpin,
     mut to: impl AsyncWrite + Unpin,

@@ -43,7 +43,8 @@ impl Measured {
     }
 }
 
-/// Parses the arguments. The outer error is a wrong type, the inner one a sentence about a wrong value.
+/// Parses the arguments of the method. The outer error means a wrong type. The inner error is a sentence about a wrong
+/// value.
 fn report(arguments: &[Variant]) -> Result<Result<MeasuredReport, String>, StatusCode> {
     let error_um = match arguments.first() {
         Some(Variant::Double(error)) => *error,
@@ -55,7 +56,7 @@ fn report(arguments: &[Variant]) -> Result<Result<MeasuredReport, String>, Statu
     Ok(MeasuredReport::new(error_um, time, id))
 }
 
-/// Returns the text of an argument. `None` if it is missing or empty.
+/// Returns the text of an argument; `None` if the argument is missing or empty.
 fn text(argument: Option<&Variant>) -> Result<Option<&str>, StatusCode> {
     match argument {
         None | Some(Variant::Empty) => Ok(None),

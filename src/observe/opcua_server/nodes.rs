@@ -25,7 +25,8 @@ use super::measured::Measured;
 use super::tree::{Object, Role, Source, Tree, Variable, axis_id};
 use super::units::engineering_unit;
 
-/// Namespace of all nodes of the gateway. It is the same for every machine, so that a client needs it only once.
+/// Namespace of all nodes of the gateway. The namespace is the same for every machine, so that a client is configured
+/// only once.
 pub(super) const NAMESPACE: &str = "urn:isotherm:machine";
 /// Name of the only method.
 const MEASURED: &str = "measured";
@@ -33,17 +34,17 @@ const MEASURED: &str = "measured";
 /// Nodes of the gateway in the address space of the library.
 pub(super) type Manager = InMemoryNodeManager<Nodes>;
 
-/// Nodes that are still to be made.
+/// Builder of the nodes.
 pub(super) struct NodesBuilder {
     pub(super) tree: Arc<Tree>,
     /// Receiver of measured errors; `None` if no user may send them.
     pub(super) measured: Option<Measured>,
 }
 
-/// Behaviour of the nodes: all are read only, and some axes have the method `measured`.
+/// Behaviour of the nodes: all nodes are read only, and some axes have the method `measured`.
 pub(super) struct Nodes {
     index: u16,
-    /// Methods with their axes.
+    /// Nodes of the methods, with the names of their axes.
     methods: Vec<(NodeId, String)>,
     measured: Option<Measured>,
 }
@@ -63,7 +64,7 @@ impl InMemoryNodeManagerImplBuilder for NodesBuilder {
 }
 
 impl Nodes {
-    /// Index of the namespace of the nodes.
+    /// Returns the index of the namespace of the nodes.
     pub(super) fn index(&self) -> u16 {
         self.index
     }

@@ -1,9 +1,10 @@
-//! Directory of the certificates, in the form of the OPC UA library: its own certificate, those of trusted clients, and
-//! those of refused ones.
+//! Directory of the certificates, in the form that the OPC UA library requires: the certificate of the server, those of
+//! trusted clients, and those of refused clients.
 //!
-//! The directory is made again at each start from the files of the profile, so that only those clients are trusted. The
-//! library stores the certificate of each refused client. An attacker could fill the disk with them, so only the newest
-//! are kept. The private key is never on disk: the library reads it from memory of the kernel.
+//! The directory is made again at each start from the files of the profile, so that only the clients of the profile are
+//! trusted. The library stores the certificate of each refused client. An attacker could fill the disk with such
+//! certificates, so only the newest are kept. The library reads the private key from a file in memory, so that the
+//! directory does not contain the key.
 
 use std::collections::BTreeSet;
 use std::fs::{DirBuilder, File, OpenOptions};
@@ -18,7 +19,7 @@ use rustix::fs::{MemfdFlags, memfd_create};
 use super::files::{OwnCertificate, ServerFiles};
 use isotherm_profile::safe_file::cut;
 
-/// Name of the certificate of the server. The library accepts no other ending.
+/// Name of the file with the certificate of the server. The library accepts no other file extension.
 pub(super) const OWN: &str = "own/cert.der";
 const TRUSTED: &str = "trusted";
 const REJECTED: &str = "rejected";
@@ -26,9 +27,9 @@ const DIRECTORY_MODE: u32 = 0o750;
 const FILE_MODE: u32 = 0o640;
 /// Maximum number of certificates of refused clients that are kept.
 const MOST_REJECTED: usize = 10;
-/// Largest certificate, in bytes, that is read to report it.
+/// Maximum size of a certificate that is read for a report, bytes.
 const LARGEST: u64 = 16 * 1024;
-/// Longest subject in characters that is reported. A client may write anything into its certificate.
+/// Maximum length of a subject in a report, characters. A client may write any text into its certificate.
 const LONGEST: usize = 100;
 
 /// Directory of the certificates.
@@ -47,7 +48,7 @@ pub(super) struct RejectedClient {
     pub(super) thumbprint: String,
 }
 
-/// Private key in memory of the kernel, which the library reads like a file.
+/// File in memory (memfd) with the private key. The library reads it like a file on disk.
 pub(super) struct KeyInMemory(File);
 
 impl KeyInMemory {
@@ -58,7 +59,7 @@ impl KeyInMemory {
         Ok(KeyInMemory(memory))
     }
 
-    /// Path by which this process can read the key.
+    /// Returns the path by which this process can read the key.
     pub(super) fn path(&self) -> PathBuf {
         PathBuf::from(format!("/proc/self/fd/{}", self.0.as_raw_fd()))
     }
@@ -97,17 +98,17 @@ impl Pki {
         Ok(Pki { directory: directory.to_owned(), reported: BTreeSet::new(), key })
     }
 
-    /// Path of the directory.
+    /// Returns the path of the directory.
     pub(super) fn directory(&self) -> &Path {
         &self.directory
     }
 
-    /// Private key; `None` without security.
+    /// Returns the private key; `None` if the server has no security.
     pub(super) fn key(&self) -> Option<&KeyInMemory> {
         self.key.as_ref()
     }
 
-    /// Stores the certificate of a refused client, as the library does. Bytes that are no certificate are left out.
+    /// Stores the certificate of a refused client, as the library does. Bytes that are not a certificate are ignored.
     pub(super) fn reject(&self, certificate: &[u8]) {
         let Ok(cert) = X509::from_der(certificate) else { return };
         let path = self.directory.join(REJECTED).join(CertificateStore::cert_file_name(&cert));
@@ -115,8 +116,8 @@ impl Pki {
         let _ = write(&path, certificate);
     }
 
-    /// Returns the clients that were refused since the last call, and removes the oldest certificates. A directory that
-    /// cannot be read has none.
+    /// Returns the clients that were refused since the last call, and removes the oldest certificates. The result is
+    /// empty if the directory cannot be read.
     pub(super) fn rejected(&mut self) -> Vec<RejectedClient> {
         let Ok(entries) = std::fs::read_dir(self.directory.join(REJECTED)) else { return Vec::new() };
         let mut files: Vec<((i64, i64), PathBuf)> = entries
@@ -141,7 +142,7 @@ fn name(path: &Path) -> String {
     path.file_name().unwrap_or_default().to_string_lossy().into_owned()
 }
 
-/// Reads the certificate of a refused client. `None` if it is unreadable.
+/// Reads the certificate of a refused client; `None` if the certificate cannot be read.
 fn client(path: &Path) -> Option<RejectedClient> {
     let mut bytes = Vec::new();
     File::open(path).ok()?.take(LARGEST).read_to_end(&mut bytes).ok()?;

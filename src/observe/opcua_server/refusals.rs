@@ -1,11 +1,11 @@
-//! Refused clients and logins since the last report. An attacker can cause any number of them. So logins are counted,
-//! and one report a minute contains their number. Of clients, a few certificates are kept.
+//! Refused clients and logins since the last report. An attacker can cause any number of them. Therefore logins are
+//! only counted, and one report a minute contains their number. For clients, only a few certificates are kept.
 
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use isotherm_profile::safe_file::cut;
 
-/// Longest name in bytes that is reported. A client may send any name.
+/// Maximum length of a user name in a report, bytes. A client may send any name.
 const LONGEST: usize = 60;
 /// Maximum number of certificates that are kept until the next report.
 const MOST_CLIENTS: usize = 10;
@@ -13,9 +13,9 @@ const MOST_CLIENTS: usize = 10;
 /// Refused clients and logins.
 #[derive(Debug, Default)]
 pub(super) struct Refusals {
-    /// Number of refused logins, and the name of the last one.
+    /// Number of refused logins, and the user name of the last refused login.
     logins: Mutex<(u64, String)>,
-    /// Certificates of clients that are not trusted.
+    /// Certificates of the refused clients, which are not trusted.
     clients: Mutex<Vec<Vec<u8>>>,
 }
 
@@ -40,7 +40,7 @@ impl Refusals {
         std::mem::take(&mut *locked(&self.clients))
     }
 
-    /// Returns the number of refused logins and the name of the last one, and begins to count again.
+    /// Returns the number of refused logins and the user name of the last one. The count begins again at zero.
     pub(super) fn take(&self) -> (u64, String) {
         std::mem::take(&mut *locked(&self.logins))
     }

@@ -1,4 +1,4 @@
-//! Reports about refused clients, at most one a minute of each kind.
+//! Reports about refused clients and logins, at most one report a minute of each kind.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -9,9 +9,10 @@ use crate::observe::events::{Event, OpcUaServerEvent};
 use crate::observe::requester::{Channel, Requester};
 use crate::observe::status::GatewayApi;
 
-/// Shortest time between two reports of one kind.
+/// Minimum time between two reports of one kind.
 const EVERY: Duration = Duration::from_secs(60);
-/// Interval at which refused clients are looked for. The library stores the certificate of each until then.
+/// Interval of the checks for refused clients. Until the next check, the library stores the certificate of each refused
+/// client.
 pub(super) const LOOK_EVERY: Duration = Duration::from_secs(1);
 
 /// Reports about refused clients.
@@ -23,7 +24,7 @@ pub(super) struct Reports {
     waiting: Option<(RejectedClient, u64)>,
 }
 
-/// Returns whether the interval since the last time is over. The new time is then stored.
+/// Returns whether the time `every` has passed since `last`. If so, stores the present time in `last`.
 pub(super) fn is_due(last: &mut Option<Duration>, every: Duration, now: Duration) -> bool {
     let is_due = last.is_none_or(|last| now >= last + every);
     if is_due {

@@ -32,13 +32,13 @@ use isotherm_core::explained::Cause;
 use isotherm_profile::safe_file::without_numbers;
 use isotherm_profile::{OpcUaServer, host_and_port};
 
-/// Number of failures in a row with another cause, after which the new cause is reported.
+/// Number of consecutive failures with a new cause after which the new cause is reported.
 const CHANGED_AFTER: u32 = 2;
 /// Interval between attempts to start.
 const AGAIN: Duration = Duration::from_secs(10);
-/// Interval at which the start of the library is checked.
+/// Interval of the checks whether the library has started.
 const STARTING: Duration = Duration::from_millis(5);
-/// Time in which the library may close its connections at the end.
+/// Maximum time for the library to close its connections when the server ends.
 const LAST: Duration = Duration::from_millis(500);
 
 /// Server of one machine, before it is started.
@@ -47,11 +47,11 @@ pub(super) struct Runner {
     pub(super) settings: OpcUaServer,
     pub(super) files: ServerFiles,
     pub(super) source: Arc<dyn GatewayApi>,
-    /// Directory of the certificates.
+    /// Path of the directory with the certificates.
     pub(super) directory: PathBuf,
-    /// Name of this computer, in the address that clients are shown if the server listens on every address.
+    /// Name of this computer. Clients see it in the server address if the server listens on every address.
     pub(super) hostname: String,
-    /// Maximum number of connections.
+    /// Maximum number of simultaneous connections.
     pub(super) connections: usize,
 }
 
@@ -63,7 +63,7 @@ enum Reported {
 }
 
 impl Runner {
-    /// Serves clients, and starts again ten seconds after each failure, until `stopped` is set.
+    /// Serves clients until `stopped` is set. After each failure, the server starts again ten seconds later.
     pub(super) async fn run(self, mut stopped: watch::Receiver<bool>) {
         let (mut cause, mut reported) = (None, Reported::Nothing);
         loop {
@@ -144,7 +144,7 @@ impl Runner {
         Ok(())
     }
 
-    /// Makes the server of the library, and the updater of its nodes.
+    /// Makes the server object of the library, and the updater of its nodes.
     fn library(&self, address: SocketAddr) -> Result<(::opcua::server::Server, Updates), String> {
         let pki = Pki::make(&self.directory, &self.files).map_err(|error| {
             format!("{} cannot be written: {}", self.directory.display(), without_numbers(&error.to_string()))
@@ -168,12 +168,12 @@ impl Runner {
         };
         let (server, handle) = setup.server(NodesBuilder { tree: tree.clone(), measured }, users)?;
         let manager = handle.node_managers().get_of_type::<Manager>();
-        let manager = manager.ok_or("the library has lost the nodes")?;
+        let manager = manager.ok_or("the OPC UA library does not return its nodes")?;
         let library = Library { manager, handle, pki, refusals };
         Ok((server, Updates::begin(self.source.clone(), (tree, status), library)))
     }
 
-    /// Host in the addresses that clients are shown.
+    /// Returns the host in the addresses that clients see.
     fn host(&self, address: SocketAddr) -> String {
         let host = host_and_port(&self.settings.listen).map_or("", |(host, _)| host);
         if address.ip().is_unspecified() { self.hostname.clone() } else { host.to_owned() }

@@ -11,7 +11,7 @@ use crate::observe::events::{Alarm, Entry};
 use crate::observe::status::{AxisStatus, DeviceStatus, OutputStatus, SignalStatus, Status};
 use isotherm_core::quantity::{Moment, time};
 
-/// Maximum number of entries in an array of records. The newest ones are shown.
+/// Maximum number of entries in an array of records. If there are more records, the newest are shown.
 const MOST_RECORDS: usize = 50;
 /// Kinds of outputs whose register value is Cz.
 const CZ_OUTPUTS: [&str; 2] = ["offset", "intercept"];
@@ -33,11 +33,11 @@ pub(super) enum Value {
 pub(super) enum Quality {
     /// The value may be used.
     Good,
-    /// The value was valid when it was read last. Its register is not read now, or the last write to it failed.
+    /// The value was valid when it was last read. Its register is not read now, or the last write to it failed.
     LastUsable,
-    /// The value was valid when it was read last. The device does not answer.
+    /// The value was valid when it was last read. The device does not answer now.
     LastUsableNoAnswer,
-    /// The status has no value for this field now, which is no fault.
+    /// The status has no value for this field at present. This is not a fault.
     NoData,
     /// The signal or the register has not been read yet.
     Waiting,
@@ -51,7 +51,7 @@ pub(super) enum Quality {
     OutOfService,
     /// The profile does not fit the device.
     Configuration,
-    /// The device refuses the value, or sends something else.
+    /// The device refuses the value, or sends an unexpected value.
     DeviceFailure,
 }
 
@@ -60,7 +60,7 @@ pub(super) enum Quality {
 pub(super) struct Sample {
     pub(super) value: Value,
     pub(super) quality: Quality,
-    /// Time of the measurement; for other values, the time at which they changed.
+    /// Time of the measurement. For values that are not measured, the time at which the value changed.
     pub(super) at: Moment,
 }
 
@@ -70,7 +70,7 @@ pub(super) struct Sampler {
     last: Vec<Sample>,
 }
 
-/// Content of the status by lists.
+/// Parts of the status: the fields of the machine as JSON, and each list.
 struct Lists {
     machine: Json,
     axes: Vec<AxisStatus>,
@@ -81,7 +81,7 @@ struct Lists {
     events: Vec<Entry>,
 }
 
-/// Item that was converted to JSON last. The variables of one item follow each other.
+/// Item of a list that was converted to JSON last. It is kept because the variables of one item follow each other.
 #[derive(Default)]
 struct Item {
     of: Option<(List, usize)>,
@@ -107,7 +107,7 @@ impl Quality {
         }
     }
 
-    /// Returns the quality of a register value, by the state of its output and of the device.
+    /// Returns the quality of a register value, from the state of its output and the state of the device.
     fn of_register(value: Option<f64>, output: &str, device: &str) -> Quality {
         match (value, output, device) {
             // The last run may have left the value of a register that cannot be read.
@@ -175,8 +175,8 @@ impl Lists {
         Quality::of_register(output.value, output.state, device.map_or("ok", |device| device.state))
     }
 
-    /// Returns the quality of the verified Cz of an axis. It is that of the output from which the Cz was read: the
-    /// first one with a value. `None` if no output of the axis contains Cz.
+    /// Returns the quality of the verified Cz of an axis. This is the quality of the output from which the Cz was read:
+    /// the first output with a value. `None` if no output of the axis contains Cz.
     fn quality_of_verified(&self, place: usize) -> Option<Quality> {
         let axis = self.axes.get(place)?;
         let is_cz = |output: &&OutputStatus| output.axis == axis.name && CZ_OUTPUTS.contains(&output.writes);
@@ -186,13 +186,13 @@ impl Lists {
     }
 }
 
-/// Converts a part of the status. Numbers and texts always have a JSON form.
+/// Converts a part of the status to JSON. This cannot fail, because numbers and texts always have a JSON form.
 fn json(part: &impl Serialize) -> Json {
     serde_json::to_value(part).unwrap_or_default()
 }
 
 impl Sampler {
-    /// Takes a sample of all variables. Returns the places of those whose sample has changed.
+    /// Takes a sample of all variables. Returns the indices of the variables whose sample has changed.
     pub(super) fn refresh(&mut self, variables: &[Variable], status: Status) -> Vec<usize> {
         let now = time::parse(&status.now).unwrap_or_default();
         let lists = Lists::of(status);
@@ -233,7 +233,7 @@ impl Sampler {
         changed
     }
 
-    /// Last sample of the variable at this place.
+    /// Returns the last sample of the variable with this index.
     pub(super) fn sample(&self, place: usize) -> Option<&Sample> {
         self.last.get(place)
     }
@@ -248,7 +248,8 @@ impl Records {
     }
 }
 
-/// Returns the time so many seconds before `now`, in whole milliseconds, so that rounding errors are no changes.
+/// Returns the time `age_s` seconds before `now`, rounded to whole milliseconds. Without the rounding, small errors
+/// would look like changes.
 fn before(now: Moment, age_s: f64) -> Moment {
     const MS: u64 = 1_000_000;
     let at = now.before(Duration::try_from_secs_f64(age_s).unwrap_or_default());

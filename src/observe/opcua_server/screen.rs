@@ -1,17 +1,19 @@
-//! Screen of the messages of a client: it reads the part of each message that is not encrypted, and refuses what no
-//! endpoint offers, before the library reads it.
+//! Filter for the messages of a client. The filter reads the part of each message that is not encrypted, before the
+//! library reads the message. It refuses requests that no endpoint offers.
 //!
-//! The library opens a channel with every policy that it knows. It creates sessions before anyone has logged in, and
-//! ends a channel that it rejects only after it may have read further messages. Without the screen:
+//! The library opens a channel with every policy that it knows. The library creates sessions before a client has logged
+//! in. When it rejects a channel, it may read further messages before it closes that channel. Without this filter:
 //!
-//! - a client could announce a message of 4 GB, of which the library keeps all bytes until the last one has come;
-//! - a client that is not trusted could take all sessions of a secured server, so that nobody else could log in;
-//! - somebody between could renew the channel of a client with another certificate, and send messages over it;
-//! - anyone could let the key of the server decrypt with the padding of Basic128Rsa15, whose errors reveal the key's
-//!   results.
+//! - a client could announce a message of 4 GB, and the library would store all its bytes until the last byte has
+//!   arrived;
+//! - a client that is not trusted could take all sessions of a secured server, so that no other client could log in;
+//! - an attacker on the network could renew the channel of a client with another certificate, and send messages over
+//!   that channel;
+//! - any client could request decryptions with the padding of Basic128Rsa15, whose error messages reveal decrypted
+//!   data.
 //!
-//! After the messages HEL and OPN, nothing is passed on before the library has answered. So a message never reaches the
-//! library with another policy than the one that it was judged by.
+//! After the messages HEL and OPN, nothing is forwarded until the library has answered. Therefore the filter and the
+//! library always use the same policy for a message.
 
 use std::sync::Arc;
 
@@ -20,32 +22,33 @@ use ::opcua::crypto::SecurityPolicy;
 use super::setup::{CHUNK, POLICIES};
 use isotherm_profile::Security;
 
-/// Length of the header of a message: its type, whether it is the last part, and its size.
+/// Length of the header of a message, bytes: its type, the mark of the last part, and its size.
 const HEADER: usize = 8;
-/// Places of the size, of the policy's length, of the policy, and of the identifier of a request.
+/// Offsets in a message, bytes: of the size, of the length of the policy, of the policy, and of the identifier of a
+/// request.
 const SIZE_AT: usize = 4;
 const LENGTH_AT: usize = 12;
 const POLICY_AT: usize = 16;
 const REQUEST_AT: usize = 24;
-/// Largest length of the URI of a policy, in bytes.
+/// Maximum length of the URI of a policy, in bytes.
 const LONGEST: usize = 255;
-/// Maximum number of bytes after the client's certificate in a message that opens a channel. They are the digest of the
-/// server's certificate, and what the server must decrypt: two or three blocks of 256 or 512 bytes.
+/// Maximum number of bytes after the client's certificate in a message that opens a channel. These bytes are the digest
+/// of the server's certificate, and two or three encrypted blocks of 256 or 512 bytes.
 const MOST_DECRYPTED: usize = 2_100;
-/// Identifiers of the requests FindServers and GetEndpoints, with which a client asks how it may connect.
+/// Identifiers of the requests FindServers and GetEndpoints, with which a client asks for the endpoints of a server.
 const DISCOVERY: [u16; 2] = [422, 428];
 
 /// Policies that the endpoints of a server offer, and the clients that it trusts.
 #[derive(Debug)]
 pub(super) struct Rules {
-    /// URIs of the policies with security. Empty for a server without security.
+    /// URIs of the security policies. The list is empty if the server has no security.
     policies: Vec<&'static str>,
     /// Certificates of the trusted clients in DER form.
     trusted: Vec<Vec<u8>>,
 }
 
 impl Rules {
-    /// Returns the rules of a server with this protection, which trusts these clients.
+    /// Returns the rules of a server with these security settings, which trusts the clients with these certificates.
     pub(super) fn of(security: Security, trusted: &[Vec<u8>]) -> Rules {
         let policies: &[SecurityPolicy] = match security {
             Security::None => &[],
@@ -63,14 +66,14 @@ enum Channel {
     None,
     /// Messages are neither signed nor encrypted.
     Plain,
-    /// Messages are at least signed, with this policy.
+    /// Messages are signed, and may be encrypted, with this policy.
     Secured(&'static str),
 }
 
-/// Next step after the bytes that were passed on.
+/// Next step of the gate after some bytes were forwarded.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Then {
-    /// Further bytes may be passed on.
+    /// Further bytes may be forwarded.
     GoOn,
     /// The library must answer first.
     Wait,
@@ -81,20 +84,20 @@ pub(super) enum Then {
 /// Reason why a connection is closed.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) enum Refusal {
-    /// The bytes are no message of OPC UA.
+    /// The bytes are not an OPC UA message.
     NoMessage,
-    /// A message is larger than the server has said that it may be.
+    /// A message is larger than the maximum size that the server has stated.
     TooLarge,
     /// No endpoint offers this policy.
     Policy,
     /// The client with this certificate is not trusted.
     Untrusted(Vec<u8>),
-    /// The request needs a channel with security.
+    /// The request requires a secure channel.
     Plain,
 }
 
 impl Refusal {
-    /// Message of OPC UA with this reason.
+    /// Returns the OPC UA error message that states this reason.
     pub(super) fn message(&self) -> Vec<u8> {
         let (status, why): (u32, &str) = match self {
             Refusal::NoMessage => (0x807E_0000, "the bytes are no message of OPC UA"),
@@ -112,16 +115,16 @@ impl Refusal {
     }
 }
 
-/// Screen of the messages of one connection.
+/// Filter for the messages of one connection.
 #[derive(Debug)]
 pub(super) struct Screen {
     rules: Arc<Rules>,
     channel: Channel,
-    /// First bytes of a message that is not judged yet.
+    /// First bytes of a message that is not checked yet.
     head: Vec<u8>,
-    /// Number of bytes that are still to come of a message that may be passed on.
+    /// Number of bytes of an accepted message that have not arrived yet.
     left: usize,
-    /// Next step after this message.
+    /// Next step after the present message.
     then: Then,
 }
 
@@ -130,7 +133,8 @@ impl Screen {
         Screen { rules, channel: Channel::None, head: Vec::new(), left: 0, then: Then::GoOn }
     }
 
-    /// Appends the bytes that may be passed on to `passed`. Returns how many bytes were used, and what follows them.
+    /// Appends the bytes that may be forwarded to `passed`. Returns the number of bytes that were used, and the next
+    /// step.
     ///
     /// # Errors
     /// The connection must be closed.
@@ -156,8 +160,8 @@ impl Screen {
         Ok((bytes.len(), Then::GoOn))
     }
 
-    /// Judges the message that begins with `head`. Returns its size if it may be passed on, and `None` while too few of
-    /// its bytes are known. The size is never below the length of `head`.
+    /// Checks the message that begins with `head`. Returns its size if it may be forwarded; `None` if more bytes are
+    /// needed for the check. The size is never below the length of `head`.
     fn judge(&mut self) -> Result<Option<usize>, Refusal> {
         let Some(size) = number(&self.head, SIZE_AT) else { return Ok(None) };
         let kind: [u8; 3] = self.head.first_chunk().copied().unwrap_or_default();
@@ -180,8 +184,8 @@ impl Screen {
         Ok(Some(size))
     }
 
-    /// Judges a message of this size that opens a channel. Returns `false` while its policy or its certificate is not
-    /// known as a whole.
+    /// Checks a message of this size that opens a channel. Returns `false` if its policy or its certificate has not
+    /// arrived completely.
     fn opens(&mut self, size: usize) -> Result<bool, Refusal> {
         let Some(length) = number(&self.head, LENGTH_AT) else { return Ok(false) };
         if length > LONGEST {
@@ -218,7 +222,7 @@ impl Screen {
         Ok(true)
     }
 
-    /// Judges a request. Returns `false` while it is not known which one it is.
+    /// Checks a request. Returns `false` if the identifier of the request has not arrived yet.
     fn asks(&self) -> Result<bool, Refusal> {
         match self.channel {
             Channel::None => Err(Refusal::NoMessage),
@@ -236,7 +240,7 @@ impl Screen {
     }
 }
 
-/// Returns the number at this place; `None` while not all of its bytes are known.
+/// Returns the 32-bit number at the offset `at`; `None` if not all of its bytes have arrived.
 fn number(bytes: &[u8], at: usize) -> Option<usize> {
     let number = bytes.get(at..)?.first_chunk()?;
     usize::try_from(u32::from_le_bytes(*number)).ok()

@@ -15,38 +15,38 @@ use super::pki::{KeyInMemory, OWN};
 use super::users::{Users, tokens};
 use isotherm_profile::{AnonymousClients, Security};
 
-/// Security policies, the strongest first. None uses SHA-1.
+/// Security policies, the strongest first. None of them uses SHA-1.
 pub(super) const POLICIES: [SecurityPolicy; 3] =
     [SecurityPolicy::Aes256Sha256RsaPss, SecurityPolicy::Aes128Sha256RsaOaep, SecurityPolicy::Basic256Sha256];
 /// Maximum number of nodes in one call, and of entries in an array that a client sends.
 const MOST_NODES: usize = 10_000;
-/// Maximum number of nodes that are read in one call. The library keeps all values until it sends them, and a value may
-/// be an array of texts.
+/// Maximum number of nodes that are read in one call. The library stores all values until it sends them, and a value
+/// may be an array of texts.
 const MOST_READ: usize = 2_000;
-/// Least number of nodes to which one subscription may subscribe.
+/// Lower bound of the maximum number of nodes in one subscription.
 const FEW_NODES: usize = 1_000;
 /// Maximum number of subscriptions of one login.
 const MOST_SUBSCRIPTIONS: usize = 4;
-/// Maximum number of values or events of one node that wait for the next message to a client. A longer queue of each
-/// node would need much memory.
+/// Maximum number of values or events of one node that wait for the next message to a client. Longer queues would need
+/// much memory, because each node has its own queue.
 const MOST_QUEUED: usize = 10;
 /// Maximum number of chunks of a message, each of 64 kB.
 const MOST_CHUNKS: usize = 32;
-/// Maximum size of a chunk in bytes. Clients are told when they connect.
+/// Maximum size of a chunk in bytes. The server states it to clients when they connect.
 pub(super) const CHUNK: usize = 65_535;
-/// Largest publishing interval that a client must accept, in milliseconds.
+/// Upper bound of the minimum publishing interval that a client can request, in milliseconds.
 const LONGEST_PUBLISHING_MS: f64 = 1000.0;
 /// Path of every endpoint.
 const PATH: &str = "/";
 
-/// Configuration of one start of the library.
+/// Configuration for one start of the library.
 pub(super) struct Setup<'s> {
     pub(super) machine: &'s str,
     pub(super) files: &'s ServerFiles,
     pub(super) security: Security,
     pub(super) anonymous: AnonymousClients,
     pub(super) every: Duration,
-    /// Host and port in the addresses that clients are shown.
+    /// Host and port in the addresses that clients see.
     pub(super) shown: (&'s str, u16),
     /// Maximum number of connections.
     pub(super) connections: usize,
@@ -55,10 +55,10 @@ pub(super) struct Setup<'s> {
 }
 
 impl Setup<'_> {
-    /// Makes the server of the library.
+    /// Makes the server object of the library.
     ///
     /// # Errors
-    /// The library rejects the configuration; the error is a sentence.
+    /// The library rejects the configuration. The error is a sentence.
     pub(super) fn server(
         self,
         nodes: NodesBuilder,
@@ -92,7 +92,7 @@ impl Setup<'_> {
         server.build()
     }
 
-    /// Endpoints by name: one for each allowed policy and mode.
+    /// Returns the endpoints by name: one endpoint for each allowed policy and mode.
     fn endpoints(&self) -> Vec<(String, ServerEndpoint)> {
         let mut users: Vec<String> = self.files.users.iter().map(|user| user.name.clone()).collect();
         if self.anonymous == AnonymousClients::Allowed {

@@ -1,9 +1,9 @@
 //! Tree of the nodes: objects and variables with their names, made from the catalogue of the status fields and from the
 //! names of the profile.
 //!
-//! An identifier is made of names only: `axis.z.cz_um`, `signal.bed.value`. It stays the same after a restart, and after
-//! a change of the profile that does not rename anything. The names of the folders and of the nameplates are those of
-//! OPC 40001-1 (machinery) and OPC 40501-1 (machine tools).
+//! The identifier of a node is made of names only: `axis.z.cz_um`, `signal.bed.value`. An identifier stays the same
+//! after a restart, and after a change of the profile without renaming. The names of the folders and of the nameplates
+//! are those of OPC 40001-1 (machinery) and OPC 40501-1 (machine tools).
 
 use super::catalogue::{self, Field, Kind};
 use crate::observe::status::Status;
@@ -19,7 +19,7 @@ const COMPONENTS: &str = "Components";
 const MONITORING: &str = "Monitoring";
 const NOTIFICATION: &str = "Notification";
 
-/// List of the status whose items are objects.
+/// List of the status. Each of its items becomes an object.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum List {
     Axes,
@@ -28,7 +28,7 @@ pub(super) enum List {
     Devices,
 }
 
-/// List of the status whose items come and go. Each of its fields is one array.
+/// List of the status with a varying number of items. Each field of the items becomes one array.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Records {
     Alarms,
@@ -42,9 +42,10 @@ pub(super) enum Source {
     Nameplate(String),
     /// Field of the status itself.
     Machine(&'static str),
-    /// Field of an item: list, place in the list, and the names that lead to the field.
+    /// Field of an item of a list. The values are the list, the index of the item, and the names that lead to the
+    /// field.
     Item(List, usize, Vec<&'static str>),
-    /// Field of each record, as an array.
+    /// Field of all records, as an array.
     Column(Records, &'static str),
     /// Number of records.
     Total(Records),
@@ -67,7 +68,7 @@ pub(super) enum Role {
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) struct Object {
     pub(super) id: String,
-    /// Identifier of the object that contains it; `None` for the folder of all objects of the server.
+    /// Identifier of the parent object; `None` for the folder of all objects of the server.
     pub(super) parent: Option<String>,
     pub(super) name: String,
     /// Displayed name.
@@ -81,9 +82,9 @@ pub(super) struct Variable {
     pub(super) id: String,
     pub(super) parent: String,
     pub(super) name: &'static str,
-    /// Type of the value. Never [`Kind::Object`].
+    /// Type of the value. It is never [`Kind::Object`].
     pub(super) kind: Kind,
-    /// Unit, as in the status; empty if there is none.
+    /// Unit, as in the status; empty if the value has no unit.
     pub(super) unit: String,
     pub(super) about: &'static str,
     pub(super) source: Source,
@@ -92,14 +93,14 @@ pub(super) struct Variable {
 /// All nodes of a machine.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub(super) struct Tree {
-    /// Objects. Each comes after the object that contains it.
+    /// Objects of the machine. Each object comes after its parent object.
     pub(super) objects: Vec<Object>,
     pub(super) variables: Vec<Variable>,
     /// Names of the axes that accept measured errors.
     pub(super) probed: Vec<String>,
 }
 
-/// Identifier of the object of an axis.
+/// Returns the identifier of the object of an axis.
 pub(super) fn axis_id(axis: &str) -> String {
     format!("axis.{axis}")
 }
@@ -162,7 +163,8 @@ impl Tree {
         self.variables.push(Variable { id, parent: parent.to_owned(), name, kind, unit, about, source });
     }
 
-    /// Adds what OPC 40001-1 calls the nameplate of the machine, and that of the gateway, which is a component of it.
+    /// Adds the nameplate of the machine and that of the gateway, which is a component of the machine. The nameplates
+    /// have the form of OPC 40001-1.
     fn nameplates(&mut self, status: &Status) {
         let named = if status.label.is_empty() { &status.machine } else { &status.label };
         self.property((MACHINE, IDENTIFICATION), "ComponentName", named, "Displayed name of the machine.");
@@ -187,7 +189,7 @@ impl Tree {
         self.variable(format!("{object}.{name}"), add_in, field, String::new(), source);
     }
 
-    /// Adds a folder with one object for each item of a list. An item has a name, a label, and a unit.
+    /// Adds a folder with one object for each item of a list. Each item in `items` has a name, a label, and a unit.
     fn items<'s>(
         &mut self,
         (parent, folder, word): (&str, &str, &str),
@@ -204,7 +206,7 @@ impl Tree {
         }
     }
 
-    /// Adds the fields of an item, and the objects in it.
+    /// Adds the fields of an item as variables, and the objects in the item.
     fn fields(
         &mut self,
         parent: &str,
@@ -225,7 +227,7 @@ impl Tree {
         }
     }
 
-    /// Adds an object with an array for each field of the records, and with their number.
+    /// Adds an object with one array for each field of the records, and with the number of records.
     fn records(&mut self, name: &str, id: &str, section: &str, records: Records) {
         self.object(Some(NOTIFICATION), id, (name, ""), Role::Object);
         let about = "Number of entries in each array.";

@@ -1,12 +1,12 @@
-//! Engineering units of OPC UA: the codes of UN/CEFACT Recommendation 20, as numbers.
+//! Engineering units of OPC UA: numbers that encode the codes of UN/CEFACT Recommendation 20.
 
 use ::opcua::types::{EUInformation, LocalizedText, UAString};
 
 const NAMESPACE: &str = "http://www.opcfoundation.org/UA/units/un/cefact";
-/// Number of a unit that has no code.
+/// Number for a unit that has no code in the recommendation.
 const NO_CODE: i32 = -1;
 
-/// Units of the status, each with its code and its symbol. A unit without a code has an empty one.
+/// Units of the status, each with its code and its symbol. If a unit has no code, the code is empty.
 const UNITS: [(&str, &str, &str); 25] = [
     ("degC", "CEL", "°C"),
     ("K", "KEL", "K"),
@@ -35,7 +35,7 @@ const UNITS: [(&str, &str, &str); 25] = [
     ("count", "", "count"),
 ];
 
-/// Returns the engineering unit with this name in the status. `None` for a value without a unit.
+/// Returns the OPC UA engineering unit for the name of a unit in the status; `None` for a value without a unit.
 pub(super) fn engineering_unit(unit: &str) -> Option<EUInformation> {
     let (_, code, symbol) = UNITS.iter().find(|(known, _, _)| *known == unit)?;
     Some(EUInformation {
@@ -46,7 +46,8 @@ pub(super) fn engineering_unit(unit: &str) -> Option<EUInformation> {
     })
 }
 
-/// Number of a code, as OPC UA Part 8 defines it: its ASCII characters are the bytes of the number.
+/// Returns the number of a code, as OPC UA Part 8 defines it. The ASCII characters of the code are the bytes of the
+/// number.
 fn number(code: &str) -> i32 {
     code.bytes().fold(0, |number, byte| (number << 8) | i32::from(byte))
 }

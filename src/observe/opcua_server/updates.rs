@@ -34,7 +34,7 @@ pub(super) struct Updates {
     pki: Pki,
     refusals: Arc<Refusals>,
     reports: Reports,
-    /// Time of the last sample, since the start of the computer.
+    /// Time of the last sample, as time since the start of the computer.
     refreshed: Option<Duration>,
 }
 
@@ -47,7 +47,7 @@ pub(super) struct Library {
 }
 
 impl Updates {
-    /// Begins with the values of this status.
+    /// Creates the updater, and sets the nodes to the values of this status.
     pub(super) fn begin(
         source: Arc<dyn GatewayApi>,
         (tree, status): (Arc<Tree>, Status),
@@ -77,12 +77,12 @@ impl Updates {
         updates
     }
 
-    /// Handle of the server of the library.
+    /// Returns the handle of the server of the library.
     pub(super) fn handle(&self) -> &ServerHandle {
         &self.handle
     }
 
-    /// Refused clients and logins that are not reported yet.
+    /// Returns the refused clients and logins that are not reported yet.
     pub(super) fn refusals(&self) -> &Arc<Refusals> {
         &self.refusals
     }
@@ -95,8 +95,8 @@ impl Updates {
         self.set_values(status);
     }
 
-    /// Refreshes the nodes for the first client that connects, unless they are newer than `every`. Clients that come and
-    /// go must not make the state be copied more often.
+    /// Refreshes the nodes for the first client that connects, unless their last refresh is more recent than `every`.
+    /// Clients that connect repeatedly must not cause more frequent copies of the status.
     pub(super) fn refresh_for_first(&mut self, every: Duration) {
         if is_due(&mut self.refreshed, every, BootClock::default().passed()) {
             self.refresh();

@@ -1,7 +1,7 @@
 //! Users of the server: logins with a password or a certificate, and permission for the method `measured`.
 //!
-//! Logins with a password are checked one after the other. A wrong one is answered a second later, so that no client can
-//! try more than one password a second, over however many connections.
+//! Logins with a password are checked one after the other. The answer to a wrong password is delayed by a second.
+//! Clients can therefore try at most one password a second, whatever the number of connections.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::hint::black_box;
@@ -20,7 +20,7 @@ use super::refusals::Refusals;
 
 /// Delay of the answer to a wrong password.
 const AFTER_WRONG: Duration = Duration::from_secs(1);
-/// Longest time for which a login waits for those before it.
+/// Maximum time for which a login waits for earlier logins.
 const PATIENCE: Duration = Duration::from_secs(5);
 
 /// Users that may log in.
@@ -28,9 +28,9 @@ pub(super) struct Users {
     passwords: BTreeMap<String, String>,
     /// Names of the users that may call the method `measured`.
     may_measure: BTreeSet<String>,
-    /// Login policies of the library. It also compares the certificates of users.
+    /// Login policies of the library, which also compare the certificates of users.
     policies: DefaultAuthenticator,
-    /// Turn of the one login that is checked.
+    /// Lock of the login that is checked at present.
     turn: Mutex<()>,
     refusals: Arc<Refusals>,
 }
@@ -57,7 +57,7 @@ impl Users {
     }
 }
 
-/// Returns the users in the form of the library.
+/// Returns the users in the form that the library requires.
 pub(super) fn tokens(logins: &[Login]) -> BTreeMap<String, ServerUserToken> {
     let token = |login: &Login| match &login.secret {
         // The library needs a password to offer this kind of login. It never compares this one.
@@ -130,7 +130,7 @@ impl AuthManager for Users {
     }
 }
 
-/// Compares two passwords in constant time, so that response times do not help to guess one.
+/// Compares two passwords in constant time, so that response times do not help to guess a password.
 fn is_same(given: &str, password: &str) -> bool {
     let pairs = given.bytes().zip(password.bytes());
     let differences = pairs.fold(0, |seen, (a, b)| black_box(seen | (a ^ b)));

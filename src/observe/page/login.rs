@@ -4,7 +4,7 @@ use maud::{DOCTYPE, Markup, html};
 
 use super::{Words, heading};
 
-/// Machine and address of a sign-in page.
+/// Machine name and page address that a sign-in page needs.
 #[derive(Clone, Copy)]
 pub(in crate::observe) struct LoginPlace<'a> {
     /// Displayed name of the machine.

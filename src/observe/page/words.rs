@@ -32,8 +32,8 @@ static ALL: LazyLock<Vec<Words>> = LazyLock::new(|| {
 });
 
 impl Words {
-    /// Returns the texts in the language `named`. Without one, they are in the first available language of the header
-    /// `Accept-Language`, or in English.
+    /// Returns the texts in the language `named`. If it is `None`, the first available language of the header
+    /// `Accept-Language` is used, or English.
     pub(in crate::observe) fn choose(named: Option<Language>, accepted: &str) -> &'static Words {
         let of = |wanted: &str| ALL.iter().find(|words| words.language.eq_ignore_ascii_case(wanted));
         named

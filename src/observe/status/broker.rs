@@ -29,7 +29,7 @@ pub struct BrokerStatus {
     pub connections: u64,
 }
 
-/// [`BrokerStatus`] that several threads share. It is locked for a short time only.
+/// State of publishing ([`BrokerStatus`]) that several threads share. It is locked only for a short time.
 #[derive(Debug, Default)]
 pub struct BrokerFigures(Mutex<BrokerStatus>);
 

@@ -14,7 +14,7 @@ pub struct LearnedStatus {
     /// Name of the model whose adoption waits for a datum, or until Cz can be kept. Empty for the model of the profile;
     /// `None` if none waits.
     pub waiting: Option<String>,
-    /// Whether the gateway adopts a better candidate by itself.
+    /// Whether the gateway adopts a better candidate automatically.
     pub auto: bool,
     /// Candidate that was learned last; `None` if there is none.
     pub candidate: Option<CandidateStatus>,

@@ -1,5 +1,5 @@
-//! Files of the profile that have changed on disk. The program that has loaded the profile compares them, and the status
-//! contains their names.
+//! Files of the profile that have changed on disk. The program that has loaded the profile compares the files with the
+//! loaded ones, and the status contains the names of the changed files.
 
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
@@ -13,7 +13,7 @@ impl ProfileChanges {
         self.get().clone()
     }
 
-    /// Replaces the names by those of the last comparison.
+    /// Replaces the stored names by the result of the last comparison.
     pub fn note(&self, files: Vec<String>) {
         *self.get() = files;
     }

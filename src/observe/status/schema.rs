@@ -1,4 +1,4 @@
-//! JSON schemas of fields of the status whose form in JSON differs from their type.
+//! JSON schemas of status fields whose JSON form differs from their Rust type.
 
 use schemars::{Schema, SchemaGenerator, json_schema};
 
@@ -17,7 +17,7 @@ pub(super) fn shown(_: &mut SchemaGenerator) -> Schema {
     })
 }
 
-/// Schema of an explanation as one sentence, and as its parts.
+/// Schema of an explanation, which is both one sentence and its parts.
 pub(super) fn in_parts(_: &mut SchemaGenerator) -> Schema {
     json_schema!({
         "type": "object",

@@ -46,7 +46,10 @@ async fn nothing_is_published_before_the_host_is_online_and_all_of_it_then() {
         passes(10).await;
     })
     .await;
-    assert!(waited.lock().unwrap().contains("the broker knows no state of this host"), "{waited:?}");
+    assert!(
+        waited.lock().unwrap().contains("the broker has no message about the state of this host"),
+        "{waited:?}"
+    );
     assert_eq!(kinds(&broker), ["NBIRTH", "NDATA", "NDEATH"]);
     let mut told = events_of(&broker);
     told.sort_unstable();
