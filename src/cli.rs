@@ -1,4 +1,4 @@
-//! The verbs of the command line, one module each. Results go to stdout, diagnostics to stderr.
+//! Verbs (subcommands) of the command line, one module each. Results go to stdout, diagnostics to stderr.
 
 use std::io::Write;
 use std::process::ExitCode;
@@ -118,11 +118,11 @@ enum Verb {
     Run(run::Arguments),
     /// Write a first profile from a few answers
     Init(Box<init::Arguments>),
-    /// Show every error of a profile with its line, or else everything that the gateway would read and write
+    /// Show every error of a profile with its line; without errors, everything that the gateway would read and write
     Check(check::Arguments),
     /// Read every signal once and show its quality, or read one register without a signal
     Read(Box<read::Arguments>),
-    /// List the units of a line that answer
+    /// List the units (Modbus addresses) that answer on a line
     Scan(scan::Arguments),
     /// Serve the devices of a profile as virtual hardware
     Virtual(simulate::Arguments),
@@ -133,19 +133,19 @@ enum Verb {
     /// Identify the model of an axis from logs with its measured error, tested on runs that were not used to find it
     #[cfg(feature = "identify")]
     Identify(Box<identify::Arguments>),
-    /// Learn the model of an axis from the touches of its probe, and judge it against the model in use
+    /// Learn the model of an axis from measurements of its probe, and compare it with the model in use
     #[cfg(feature = "identify")]
     Learn(Box<learn::Arguments>),
     /// Select the temperature points to keep, from logs with a measured error
     #[cfg(feature = "identify")]
     Select(select::Arguments),
-    /// Place the temperature sensors of a structure, from FE input files of its load cases
+    /// Find places for the temperature sensors of a structure, from finite-element input files of its load cases
     #[cfg(feature = "place")]
     Place(Box<place::Arguments>),
     /// Report the drift in logs, in the terms of ISO 230-3
     #[cfg(feature = "identify")]
     Report(report::Arguments),
-    /// Show how logs of other programs are understood
+    /// Show how isotherm reads the logs of other programs
     #[cfg(feature = "identify")]
     Logs(explain::Arguments),
     /// Replace the running gateway by another program or profile; no axis moves
@@ -171,9 +171,9 @@ enum Verb {
     Measured(measured::Arguments),
     /// Accept a device of the running gateway that an operator has checked
     Confirm(confirm::Arguments),
-    /// Adopt the learned model of an axis in the running gateway, or return to the model before; Cz does not move
+    /// Adopt the learned model of an axis in the running gateway, or return to the previous model; Cz does not move
     Adopt(adopt::Arguments),
-    /// Return the register of a moved or removed output to its base value, without the gateway's offset
+    /// Remove the gateway's offset from the register of an output that was moved or removed in the profile
     Release(release::Arguments),
     /// Show the frames between the running gateway and one of its devices
     Trace(trace::Arguments),

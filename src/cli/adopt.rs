@@ -16,8 +16,8 @@ use isotherm_core::compensation::LearnedModel;
 use isotherm_core::compensation::model::{Expected, Growth, Model, Reference};
 use isotherm_profile::{Axis, Profile};
 
-/// Adopts the model that the gateway has learned from touches. Cz does not move: the correction from probings becomes
-/// the value that keeps it.
+/// Adopts the model that the gateway has learned from measurements of the probe (touches). Cz does not move: the
+/// gateway adjusts the correction from probings so that Cz keeps its value.
 ///
 /// The model must be better than the model in use, over the last judged days. `isotherm status` and the page show both
 /// errors. If Cz cannot be kept at present, the adoption waits for the next datum (zero point of Cz). The models of the
@@ -32,7 +32,8 @@ pub(super) struct Arguments {
     /// The axis; needed if several axes learn a model
     #[arg(long, value_name = "AXIS")]
     axis: Option<String>,
-    /// Returns to the model that the axis followed before. If an adoption waits, it is withdrawn instead
+    /// Returns to the model that the axis followed before. If an adoption is still waiting, cancels the adoption
+    /// instead
     #[arg(long)]
     back: bool,
     /// Writes the adopted model as an [[axis.…model]] block to this file, and changes nothing. The gateway need not run
@@ -52,7 +53,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     gateway.print(control::send(&gateway.socket(&profile)?, command, axis.as_deref()))
 }
 
-/// Writes the adopted model of an axis as a block.
+/// Writes the adopted model of an axis to a file, as a block for the profile.
 fn write(
     profile: &Profile,
     axis: Option<&str>,
@@ -65,8 +66,8 @@ fn write(
     });
     let [(name, preference)] = adopted.as_slice() else {
         match adopted.len() {
-            0 => anyhow::bail!("no learned model is adopted, as the state in {} says", directory.display()),
-            _ => anyhow::bail!("several axes follow a learned model: name the one that is meant (--axis)"),
+            0 => anyhow::bail!("the saved state in {} contains no adopted model", directory.display()),
+            _ => anyhow::bail!("several axes follow a learned model: name one of them with --axis"),
         }
     };
     let own = profile.axes.iter().find(|own| own.settings.name == *name);

@@ -23,18 +23,18 @@ mod rotate;
 
 /// Largest size of a backup in bytes. Backup and restore keep the archive in memory, and reject a larger one.
 pub(super) const LARGEST: u64 = 128 * 1024 * 1024;
-/// Version of the archive format that contains what was learned from touches.
+/// Version of the archive format for backups with learned data (results of `isotherm learn`).
 pub(super) const FORM: u32 = 2;
-/// Version of the archive format of a backup without [`PRODUCTS`], which earlier programs read.
+/// Version of the archive format for backups without [`PRODUCTS`]. Earlier versions of isotherm can read this format.
 const FORM_WITHOUT_PRODUCTS: u32 = 1;
 pub(super) const MANIFEST: &str = "manifest.json";
 /// Directory of the archive for the profile and its files. [`STATE`] is the directory for the state files, and
-/// [`PRODUCTS`] the one for what was learned from touches.
+/// [`PRODUCTS`] the one for the learned data.
 pub(super) const PROFILE: &str = "profile";
 pub(super) const STATE: &str = "state";
 pub(super) const PRODUCTS: &str = "products";
-/// Limits for the files with what was learned. With at most this number of files, the manifest is small enough for
-/// `restore`.
+/// Limits for the files of learned data in a backup. With at most this number of files, the manifest is small enough
+/// for `restore`.
 const LEARNED: Limits = Limits { files: 3000, bytes: 64 * 1024 * 1024 };
 /// Largest size of the manifest and of the headers of all files in the archive, in bytes.
 const HEADS: u64 = 8 * 1024 * 1024;
@@ -105,7 +105,8 @@ pub(super) struct Entry {
 }
 
 impl Arguments {
-    /// Prints a note about a backup. With `--rotate` it is a part of the result: cron sends what is on stderr by mail.
+    /// Prints a note about a backup to stderr, or with `--rotate` to stdout. Cron can send everything on stderr by
+    /// mail.
     fn note(&self, text: &str) -> std::io::Result<()> {
         match self.rotate {
             Some(_) => say!("{text}"),
@@ -224,7 +225,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let secret = if manifest.secrets { ", including secret files" } else { "" };
     let learned = match learned_files {
         0 => String::new(),
-        count => format!(", of them {count} with what was learned from touches"),
+        count => format!(", {count} of them with learned data"),
     };
     say!("{} contains {} files of machine {}{learned}{secret}", file.display(), files.len(), profile.name)?;
     match arguments.rotate {
@@ -241,8 +242,8 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// Returns the files with what was learned from touches, and reports those that are left out. `others`: the other files
-/// of the backup.
+/// Returns the files of learned data, and reports unusable files and files above the size limit. `others` are the other
+/// files of the backup.
 fn learned(
     arguments: &Arguments,
     directory: &Path,
@@ -258,7 +259,7 @@ fn learned(
     }
     if taken.older > 0 {
         arguments.note(&format!(
-            "left out, because the backup would be too large: what was learned from the oldest {}. The newest of all \
+            "left out, because the backup would be too large: learned data of the oldest {}. The newest runs of all \
              axes are included",
             counted(taken.older, "run")
         ))?;
@@ -280,7 +281,7 @@ fn archive(manifest: &Manifest, files: &[(String, u32, Vec<u8>)]) -> anyhow::Res
         let mut header = tar::Header::new_ustar();
         header
             .set_path(path)
-            .with_context(|| format!("{path} is too long a name for an archive: shorten it"))?;
+            .with_context(|| format!("the file name {path} is too long for a tar archive: shorten it"))?;
         header.set_size(bytes.len() as u64);
         header.set_mode(mode);
         header.set_cksum();
@@ -327,7 +328,7 @@ pub(super) fn is_below(path: &Path) -> bool {
 }
 
 /// Writes a new file and waits until it is on disk. If an owner is given, the file belongs to this user and group. An
-/// existing file is an error. After another error, there is no file.
+/// existing file is an error. After any other error, the file is removed.
 pub(super) fn write_new(
     path: &Path,
     bytes: &[u8],

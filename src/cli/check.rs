@@ -36,8 +36,8 @@ pub(super) struct Arguments {
     #[command(flatten)]
     profile: ProfileArguments,
     /// Also reads every signal and every output register once, and writes nothing. If a read of several values fails,
-    /// tests with which quirks the device serves them. Connects to the broker of [mqtt] and to the servers of
-    /// [[notify]], and sends them no message
+    /// tests which quirks (settings for a device with special requirements) help. Connects to the broker of [mqtt] and
+    /// to the servers of [[notify]], and sends them no message
     #[arg(long)]
     online: bool,
     /// The state directory with which the gateway is started. The check compares the templates with those of the last
@@ -50,7 +50,7 @@ pub(super) struct Arguments {
     json: bool,
 }
 
-/// Maximum number of warnings about lines that are printed individually; the others are only counted.
+/// Maximum number of warnings about bus lines that are printed individually. Further warnings are only counted.
 const MOST_WARNINGS: usize = 50;
 
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
@@ -62,7 +62,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         say_beside!("warning: {warning}");
     }
     if let Some(more) = warnings.len().checked_sub(MOST_WARNINGS).filter(|more| *more > 0) {
-        say_beside!("… and {more} more warnings about the lines");
+        say_beside!("… and {more} more warnings about the bus lines");
     }
     for warning in unlike_run(&profile, arguments.state.as_deref()) {
         say_beside!("warning: {warning}");
@@ -72,7 +72,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         if let Some(model) = preference.preferred().name() {
             say_beside!(
                 "note: axis {axis} follows the learned model {model}; its models in the profile are the fallbacks. \
-                 isotherm adopt --export writes the learned model, and --back returns to the model before"
+                 isotherm adopt --export writes the learned model, and --back returns to the previous model"
             );
         }
     }
@@ -176,7 +176,7 @@ fn expiring(profile: &Profile) -> impl Iterator<Item = String> {
     certificates::expiring(profile, now).into_iter().map(|expiry| expiry.sentence()).chain(early)
 }
 
-/// Returns the document with one more part under this name.
+/// Adds a part with this name to a JSON document, and returns the document.
 #[cfg(any(feature = "opcua", feature = "mqtt"))]
 fn with(
     mut document: serde_json::Value,
@@ -198,7 +198,7 @@ fn tell(node: &opcua::Inspected) -> std::io::Result<()> {
     node.advice.iter().try_for_each(|advice| say!("    warning: {advice}"))
 }
 
-/// Returns an error if a node of a server contradicts the output or signal that uses it.
+/// Returns an error if an OPC UA node does not fit the output or signal that uses it, for example by its type.
 #[cfg(feature = "opcua")]
 fn assess(nodes: &[opcua::Inspected]) -> anyhow::Result<()> {
     let mut unfit = nodes.iter().filter_map(|node| Some((node, node.advice.first()?)));

@@ -1,4 +1,4 @@
-//! Table of the log columns that a verb uses, and of those that it does not use with the reason.
+//! Table of the log columns: those that a verb uses, and those that the verb does not use, with the reason.
 
 use std::io::{self, Write};
 
@@ -18,7 +18,7 @@ impl ColumnTable {
         ColumnTable { used: used.collect(), not_used: dataset.unused(is_used) }
     }
 
-    /// Prints the table, if a column is not used.
+    /// Prints the table if at least one column is not used.
     pub(super) fn render(&self, out: &mut impl Write) -> io::Result<()> {
         if self.not_used.is_empty() {
             return Ok(());

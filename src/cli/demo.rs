@@ -120,7 +120,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let page = open_page(&mut sockets, arguments.listen.as_deref(), profile.web.as_ref())?;
     if !arguments.json {
         say_beside!(
-            "everybody on this computer may command this demo through its web page (commands = \"local\")"
+            "every user of this computer may control this demo on its web page (commands = \"local\")"
         );
     }
     let outcome =
@@ -288,7 +288,10 @@ fn report(
         say!("  {}: error range {before:.1} µm uncompensated, {after:.1} µm compensated", axis.axis)?;
     }
     if arguments.machine == linuxcnc::MACHINE {
-        say!("During the demo, LinuxCNC moved Z and cut a part. These figures contain only its offset.")?;
+        say!(
+            "During the demo, LinuxCNC moved Z and cut a part. These figures contain only the offset that LinuxCNC \
+             applied."
+        )?;
     }
     say!("The machine is a simulation. The coefficients were identified on another simulated day.")?;
     published.map(source_lines).into_iter().flatten().try_for_each(|line| say!("{line}"))?;

@@ -8,7 +8,8 @@ const OWN: u64 = 32;
 /// Maximum number of descriptors that a line uses at one time: a closing connection, the next connection, and a name
 /// lookup.
 const OF_A_LINE: u64 = 3;
-/// Number of descriptors of a connection to the OPC UA server: the connection, and both ends of the one to the library.
+/// Number of descriptors for each client of the OPC UA server: its connection, and both ends of the internal connection
+/// to the OPC UA library.
 const OF_A_CLIENT: u64 = 3;
 /// Number of descriptors of a connection to the command socket: the connection, and a copy by which its end is
 /// detected.

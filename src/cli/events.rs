@@ -103,7 +103,7 @@ fn json(entry: &Entry) -> String {
     serde_json::to_string(entry).unwrap_or_default()
 }
 
-/// Returns the line of an event, with its hint below if it was not printed yet.
+/// Returns the line of an event. If the hint of the event was not printed yet, it follows on the next line.
 fn lines(entry: &Entry, hints: &mut Hints) -> String {
     let level = format!("{:?}", entry.level).to_lowercase();
     let at = entry.at.get(..19).unwrap_or(&entry.at).replace('T', " ");

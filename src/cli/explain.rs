@@ -1,4 +1,4 @@
-//! `isotherm logs explain`: shows how a log is understood.
+//! `isotherm logs explain`: shows how isotherm reads a log: encoding, times, units and first rows.
 
 use std::path::PathBuf;
 
@@ -7,7 +7,7 @@ use super::print::print_json;
 use crate::cli::print::say_all;
 use isotherm_identify::dataset::{Split, explain};
 
-/// Shows how logs are understood, before a model is identified from them.
+/// Shows how isotherm reads logs, before a model is identified from them.
 #[derive(clap::Args, Debug)]
 #[command(after_help = "Example:\n  isotherm logs explain monday.csv --zone Europe/Berlin")]
 pub(super) struct Arguments {
@@ -17,7 +17,7 @@ pub(super) struct Arguments {
 
 #[derive(Debug, clap::Subcommand)]
 enum LogsVerb {
-    /// Shows how the head, the times, the units and the first rows of a log are understood
+    /// Shows how isotherm reads a log: header, times, units and first rows
     Explain(ExplainArguments),
 }
 

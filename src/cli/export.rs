@@ -33,8 +33,8 @@ use columns::{Column, Columns};
 /// machines with one directory. It never deletes an exported day, even if the gateway has deleted the day's logs
 /// ([history] keep). The gateway may run during the export.
 ///
-/// Each day has the columns of all days. After a change of the profile, earlier days are written again with the new
-/// columns, without values.
+/// Each exported file has the columns of all days. After a change of the profile, earlier days are exported again with
+/// the new columns, which are empty there.
 #[derive(clap::Args, Debug)]
 #[command(
     after_help = "Examples:\n  isotherm export my-machine.toml --parquet fleet\n  isotherm export my-machine.toml --parquet /mnt/fleet \

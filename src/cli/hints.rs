@@ -15,14 +15,14 @@ impl Hints {
         }
     }
 
-    /// Returns a text without a hint at its end that was printed already.
+    /// Removes a hint from the end of a text if the hint was printed already, and returns the rest.
     pub(super) fn without<'t>(&self, text: &'t str) -> &'t str {
         let hint = self.0.iter().find(|hint| text.ends_with(hint.as_str()));
         cause(text, hint.map(String::as_str))
     }
 }
 
-/// Returns a text without this hint at its end.
+/// Removes this hint from the end of a text, and returns the rest: the cause of the fault.
 pub(super) fn cause<'t>(text: &'t str, hint: Option<&str>) -> &'t str {
     let hint = hint.filter(|hint| !hint.is_empty());
     let Some(before) = hint.and_then(|hint| text.strip_suffix(hint)) else { return text };

@@ -83,25 +83,26 @@ pub(super) struct Arguments {
     /// 0s,3min,6min,12min,25min,50min,100min,200min; rbf and network: 0s,12min,50min]
     #[arg(long, value_name = "TIME", value_delimiter = ',', value_parser = humantime::parse_duration)]
     lags: Vec<Duration>,
-    /// whitened: largest number of sensors in the model. The sensors with the smallest error on held-out runs are
-    /// chosen
+    /// With --method whitened: largest number of sensors in the model. The sensors with the smallest error on held-out
+    /// runs are chosen
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..))]
     sensors: Option<u16>,
-    /// whitened: an existing model, from --write or from a profile. The gains are drawn towards the gains of this model
-    /// instead of towards zero. Use it for one new day of the same machine after a repair, or of a machine of the same
-    /// type. With two days it helps less often. A model that is worse on the new days than no compensation is refused
+    /// With --method whitened: an existing model, from --write or from a profile. The gains are drawn towards the gains
+    /// of this model instead of towards zero. Use it for one new day of the same machine after a repair, or of a
+    /// machine of the same type. With two days it helps less often. A model that is worse on the new days than no
+    /// compensation is refused
     #[arg(long, value_name = "MODEL.toml")]
     prior: Option<PathBuf>,
-    /// sparse-lag, stepwise, lag and position: largest number of terms in the model
+    /// With --method sparse-lag, stepwise, lag or position: largest number of terms in the model
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..))]
     terms: Option<u16>,
-    /// rbf: number of radial basis functions in each of the five models whose mean is used
+    /// With --method rbf: number of radial basis functions in each of the five models whose mean is used
     #[arg(long, value_name = "N", default_value_t = 20)]
     centres: usize,
-    /// network: number of neurons in each of the five networks whose mean is used
+    /// With --method network: number of neurons in each of the five networks whose mean is used
     #[arg(long, value_name = "N", default_value_t = 8)]
     neurons: usize,
-    /// rbf, network: seed of the random numbers; the same seed gives the same model
+    /// With --method rbf or network: seed of the random numbers. The same seed gives the same model
     #[arg(long, value_name = "N", default_value_t = 1)]
     seed: u64,
     /// In F tests, rows that are closer in time than this count as one sample
@@ -116,16 +117,16 @@ pub(super) struct Arguments {
     /// Signal with the position of the axis, for errors measured at several positions (--method position)
     #[arg(long, value_name = "SIGNAL")]
     position: Option<String>,
-    /// position: position at which the slope adds nothing to Cz, mm
+    /// With --method position: position at which the slope adds nothing to Cz, mm
     #[arg(long, value_name = "MM", default_value_t = 0.0, allow_negative_numbers = true)]
     position_reference: f64,
-    /// two-source: runs in which the spindle stands still
+    /// With --method two-source: runs in which the spindle stands still
     #[arg(long, value_name = "RUN", value_delimiter = ',')]
     waiting: Vec<String>,
-    /// two-source: sensors of the first source
+    /// With --method two-source: sensors of the first heat source
     #[arg(long, value_name = "SIGNAL", value_delimiter = ',')]
     first: Vec<String>,
-    /// two-source: the sensors of the second source
+    /// With --method two-source: sensors of the second heat source
     #[arg(long, value_name = "SIGNAL", value_delimiter = ',')]
     second: Vec<String>,
     #[command(flatten)]
@@ -160,7 +161,11 @@ fn methods() -> impl TypedValueParser<Value = Method> {
 
 fn outsides() -> impl TypedValueParser<Value = Outside> {
     one_of([
-        (Outside::Agree, "agree", "Follows the model as far as the two halves of the model agree"),
+        (
+            Outside::Agree,
+            "agree",
+            "Follows the model as far as its two halves (models whose mean it is) agree",
+        ),
         (Outside::Warn, "warn", "Follows the model"),
         (Outside::Hold, "hold", "Keeps the last Cz"),
         (Outside::Shrink, "shrink", "Follows the model less with increasing distance"),
@@ -213,7 +218,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     edit.ask_and_write(&profile, &found.axis, arguments.into.yes)
 }
 
-/// Identifies the model. Also returns the JSON document, if it was requested, and the use of the columns.
+/// Identifies the model. Also returns the JSON document if it was requested, and the table of used and unused columns.
 fn find(
     arguments: &Arguments,
     profile: &Profile,

@@ -28,9 +28,9 @@ use questions::Questions;
 /// which `check` accepts. Then it reads every value once, so that a wrong register is seen at once. It writes to no
 /// device.
 ///
-/// The verb does not ask for values that are given as options. Values that would move an axis if they were wrong have no
-/// default: destination, type, word order and scale of the offset. Nor has the unit of a control on the module's line.
-/// The coefficients of the axis are found later, by `isotherm record` and `isotherm identify`.
+/// The verb does not ask for values that are given as options. Values that would move an axis if they were wrong have
+/// no default: destination, type, word order and scale of the offset. The unit of a control on the module's line has no
+/// default either. The coefficients of the axis are found later, by `isotherm record` and `isotherm identify`.
 #[derive(clap::Args, Debug)]
 #[command(
     after_help = "Examples:\n  isotherm init\n  isotherm init press-7.toml --yes --machine press-7 --bus 192.168.0.10:502 --module \
@@ -170,8 +170,8 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// Writes the profile. If that fails, asks for another file, so that the answers are not lost. At the end of the
-/// answers, the error contains the command that repeats them.
+/// Writes the profile. If that fails, asks for another file, so that the answers are not lost. If the input ends, the
+/// error contains the command that gives the same answers again.
 fn write(file: Option<&Path>, answers: &Answers, questions: &mut Questions<'_>) -> anyhow::Result<PathBuf> {
     let text = text::profile(answers);
     let mut file = file.map_or_else(|| PathBuf::from(format!("{}.toml", answers.machine)), Path::to_owned);

@@ -1,4 +1,5 @@
-//! `isotherm learn`: from the touches in the logs of a gateway to a candidate for the model of an axis.
+//! `isotherm learn`: learns a candidate for the model of an axis from the probe measurements (touches) in a gateway's
+//! logs.
 
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
@@ -28,8 +29,8 @@ mod text;
 
 use result::{AxisResult, GainShown};
 
-/// Number of days of logs that are read together. They cover the longest run of touches, and the hours before its
-/// datum.
+/// Number of days of logs that are read together. They cover the longest run of touches, and the hours before its datum
+/// (zero point of Cz).
 const TOGETHER: usize = 3;
 /// Remark if the logs that the command line names give nothing new.
 const NOTHING_NEW: &str = "the named logs have no new run. Their runs are known, older than the last run that was \
@@ -39,14 +40,14 @@ const LARGEST: u64 = 16 * 1024 * 1024;
 
 /// Learns the model of each axis with a probe from its touches, run by run. A touch is the result of one probing.
 ///
-/// The touches are in the logs of the state directory. The products of each run are stored next to the state, in
-/// NAME.products. They remain when the gateway deletes the logs ([history] keep). Therefore the verb reads only new
-/// logs, and may run every night. The gateway may run at the same time.
+/// The touches are in the logs of the state directory. The intermediate results of each run (products) are stored in
+/// NAME.products in the state directory. They remain when the gateway deletes the logs ([history] keep). Therefore the
+/// verb reads only new logs, and may run every night. The gateway may run at the same time.
 ///
-/// Each day is judged before it is learned from: its touches measure the model in use, and the candidate from the days
-/// before. The candidate is proposed if it leaves less over the last five judged days. No axis moves, and the profile
-/// does not change. `isotherm adopt` adopts the candidate of an axis that learns (`learn` in its probe). `--write`
-/// writes the candidate as a block for the profile.
+/// Each day is judged before it is learned from: its touches test the model in use, and the candidate from the previous
+/// days. The candidate is proposed if its residual error over the last five judged days is smaller. No axis moves, and
+/// the profile does not change. `isotherm adopt` adopts the candidate of an axis that learns (`learn` in its probe).
+/// `--write` writes the candidate as a block for the profile.
 #[derive(clap::Args, Debug)]
 #[command(
     after_help = "Examples:\n  isotherm learn my-machine.toml\n  isotherm learn my-machine.toml campaign/ --axis z\n  isotherm learn my-machine.toml --axis z --write z-model.toml"
@@ -76,7 +77,7 @@ pub(super) struct Arguments {
     /// Writes the candidate as an [[axis.…model]] block to this file, if it is better than the model in use
     #[arg(long, value_name = "MODEL.toml", requires = "axis")]
     write: Option<PathBuf>,
-    /// Also writes a candidate that is not better, or not judged
+    /// Also writes a candidate that is not better, or was not compared yet
     #[arg(long, requires = "write")]
     force: bool,
     /// Runs in the background of a gateway: with the lowest priority, and a limit for its memory
@@ -125,7 +126,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     std::fs::write(path, block).with_context(|| format!("{} cannot be written", path.display()))
 }
 
-/// Gives this process the lowest priority, limits its memory, and ends it with the gateway.
+/// Gives this process the lowest priority, limits its memory, and lets the kernel kill it when the gateway ends.
 fn retire() -> std::io::Result<()> {
     set_parent_process_death_signal(Some(Signal::KILL))?;
     // If the computer has no memory left, the system ends this process and not the gateway.
@@ -198,7 +199,7 @@ fn of_axis(
         ));
     }
     if later > 0 {
-        remarks.push(format!("logs after today, which are not used: {}", counted(later, "day")));
+        remarks.push(format!("logs with a date after today, which are not used: {}", counted(later, "day")));
     }
     for (number, (day, _)) in (1..).zip(&days).filter(|(_, (day, _))| *day >= first_day) {
         let together = days.iter().take(number).skip(number.saturating_sub(TOGETHER));
@@ -232,7 +233,7 @@ fn of_axis(
         .map_err(anyhow::Error::msg)?;
     if learning.unlike() > 0 {
         remarks.push(format!(
-            "runs with other signals than the newest, which are not used: {}",
+            "runs whose signals differ from those of the newest run, which are not used: {}",
             learning.unlike()
         ));
     }

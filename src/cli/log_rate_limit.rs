@@ -30,7 +30,8 @@ struct Window {
     since: Duration,
     written: u32,
     left_out: u64,
-    /// Start of the message of the dropped lines, for the line that reports their number.
+    /// Kind of event, or else start of the message, of the dropped lines. The line with their number contains this
+    /// name.
     name: String,
 }
 

@@ -1,4 +1,5 @@
-//! Servers of `[[notify]]`: the certificates that they must match, checks of their files, and test connections.
+//! Servers of `[[notify]]` (notifications): certificates with which they are verified, checks of their files, and test
+//! connections.
 
 use std::sync::Arc;
 use std::time::Duration;

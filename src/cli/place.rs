@@ -71,8 +71,8 @@ pub(super) struct Arguments {
     /// Method that selects the nodes of the sensors
     #[arg(long, value_name = "METHOD", default_value = "multi-case")]
     method: MethodWord,
-    /// patent, bounded: the load case from which the places are selected [default: the one with the largest
-    /// displacement of the guideway]
+    /// With --method patent or bounded: the load case from which the places are selected [default: the one with the
+    /// largest displacement of the guideway]
     #[arg(long, value_name = "NAME")]
     case: Option<String>,
     /// Noise of a sensor, K
@@ -81,7 +81,7 @@ pub(super) struct Arguments {
     /// Largest distance of a mounted sensor from its intended place, mm
     #[arg(long, value_name = "MM", default_value_t = 20.0, value_parser = not_negative)]
     misplaced: f64,
-    /// patent: the iteration ends when the residual error is below this value, µm RMS
+    /// With --method patent: the iteration ends when the residual error is below this value, µm RMS
     #[arg(long, value_name = "UM", default_value_t = 1.0, value_parser = not_negative)]
     enough: f64,
     /// A part that moves on the guideway and expands by itself, with the signal of its sensor, in µm/K: `head:z=-4.95`,

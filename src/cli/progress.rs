@@ -1,4 +1,4 @@
-//! Progress of long work on stderr: on a terminal a line that is redrawn, otherwise one line every ten seconds.
+//! Progress display of long work on stderr: on a terminal a line that is redrawn, otherwise one line every ten seconds.
 
 use std::sync::mpsc::{RecvTimeoutError, Sender, channel};
 use std::sync::{Arc, Mutex, PoisonError};

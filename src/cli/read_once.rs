@@ -25,8 +25,8 @@ const NAMED_AFTER: Duration = Duration::from_secs(1);
 const MOST_NAMES: usize = 5;
 /// Indentation of a hint below its line.
 const UNDER: usize = 6;
-/// Longest time of the first request to a device, in timeouts. On a serial line, the gateway first waits for answers to
-/// an earlier program.
+/// Longest duration of the first request to a device, as a multiple of the timeout. On a serial line, the gateway first
+/// waits for late answers to requests of an earlier program.
 const FIRST_REQUEST: u32 = 10;
 
 /// Reads every device once, and returns the status of the gateway. `directory` is the state directory of the machine's
@@ -90,7 +90,7 @@ pub(super) fn watch(
                 if !is_named && clock.now() >= begun.after(NAMED_AFTER) {
                     is_named = true;
                     let most = duration_text(Duration::from_secs(longest.as_secs() + 1));
-                    say_beside!("waiting for {}, {most} in total at most", awaited(&status));
+                    say_beside!("waiting for {}, at most {most} in total", awaited(&status));
                 }
                 sleeper.sleep(Duration::from_millis(20)).await;
             }
@@ -140,8 +140,8 @@ fn awaited(status: &Status) -> String {
     }
 }
 
-/// Tests each Modbus bus on which no device answers on a new connection, see [`new_connection`]. Tests nothing if all
-/// devices have answered all reads of signals. A line on stderr names each bus whose test takes long.
+/// Tests each Modbus bus on which no device answers on a new connection, see [`new_connection`]. Does nothing if all
+/// devices have answered all reads of signals. Prints a line on stderr for each bus whose test takes long.
 pub(super) fn examined(profile: &Profile, status: &Status) -> anyhow::Result<Vec<NewConnectionAdvice>> {
     // A device that loses the first request may have answered a later one. A device without signals is only written to.
     let is_missing = status.signals.iter().any(|signal| signal.quality == "timeout");

@@ -60,7 +60,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         anyhow::bail!("{}", nothing_left(output, is_present, left));
     }
     if let Some(returning) = of_output.iter().find(|one| one["state"] == "returning") {
-        let said = format!("output {output}: is being released already: {}", way(returning));
+        let said = format!("output {output} is being released already: {}", way(returning));
         return gateway.print(Ok(Answer::Done(said)));
     }
     let obstacle = |one: &&&Value| one["obstacle"].as_str().map(str::to_owned);
@@ -95,8 +95,8 @@ fn is_wanted() -> anyhow::Result<bool> {
     Ok(typed()?.is_some_and(|text| text.trim() == YES))
 }
 
-/// Returns the message why nothing of an output can be released. `is_present`: the gateway still writes to the output.
-/// `left`: the registers that can be released.
+/// Returns the message that explains why no register of an output can be released. `is_present`: the gateway still
+/// writes to the output. `left`: the registers that can be released.
 fn nothing_left(output: &str, is_present: bool, left: &[Value]) -> String {
     let mut names: Vec<&str> = left.iter().map(|one| word(&one["output"])).collect();
     names.dedup();
@@ -132,7 +132,7 @@ fn not_released(status: &Value, output: &str) -> Option<String> {
     Some(left["obstacle"].as_str().map_or_else(holds, str::to_owned))
 }
 
-/// Returns the offset of the gateway in a register as it was shown to the operator, µm.
+/// Returns the offset of the gateway in a register as the operator has seen it on the terminal, µm.
 fn seen(left: &Value) -> f64 {
     left["found_um"].as_f64().or(left["held_um"].as_f64()).unwrap_or_default()
 }

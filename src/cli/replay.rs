@@ -106,8 +106,8 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// Opens the log for the reader of rows. The log may be in any encoding of a logger, with lines around the names of the
-/// columns, or another file with a table.
+/// Opens the log as rows of CSV. The log may have the encoding of a logger and additional lines before and after the
+/// column names, or another table format, for example Parquet.
 #[cfg(feature = "identify")]
 fn opened<'a>(
     arguments: &Arguments,
@@ -144,7 +144,8 @@ fn opened<'a>(
     Ok((log.input, Recording { implausible, remarks, ..recording }))
 }
 
-/// Opens the log for the reader of rows. Without `identify`, it is CSV in UTF-8 that begins with the column names.
+/// Opens the log as rows of CSV. Without the feature `identify`, the log must be CSV in UTF-8 that begins with the
+/// column names.
 #[cfg(not(feature = "identify"))]
 fn opened<'a>(
     arguments: &Arguments,

@@ -25,10 +25,10 @@ mod text;
 /// Reports the drift in logs in the terms of ISO 230-3: how far each displacement moved, when, and the state of the
 /// machine then.
 ///
-/// The report describes a log; that the test fulfils the durations and conditions of the standard is your
-/// responsibility. A log is CSV with a column `time`, `time_s` or `time_min`. `time` is in seconds, RFC 3339, or
-/// `05.01.2026 06:00:10` by the clock of --zone. Displacements are in columns whose names end with `_um`. Other columns
-/// are temperatures, speeds (`_rpm`), positions (`_mm`) and angles (`_deg`).
+/// The report only describes a log. You are responsible for the durations and conditions that the standard requires. A
+/// log is CSV with a column `time`, `time_s` or `time_min`. `time` is in seconds, RFC 3339, or `05.01.2026 06:00:10` by
+/// the clock of --zone. Displacements are in columns whose names end with `_um`. Other columns are temperatures, speeds
+/// (`_rpm`), positions (`_mm`) and angles (`_deg`).
 #[derive(clap::Args, Debug)]
 #[command(
     after_help = "Examples:\n  isotherm report night.csv\n  isotherm report warm-up.csv --test spindle --displacement z_error_um\n  isotherm report day7.csv --profile surface-grinder --json"

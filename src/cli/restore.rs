@@ -25,7 +25,7 @@ use isotherm_profile::{counted, one_line, safe_file, sha256};
 const LARGEST_MANIFEST: u64 = 1024 * 1024;
 const MOST_FILES: usize = 4096;
 
-/// Restores a backup: the profile and its files to a directory, the saved state and what was learned to the state
+/// Restores a backup: the profile and its files to a directory, the saved state and the learned data to the state
 /// directory.
 ///
 /// The verb checks everything before it writes anything. It does not replace newer files. It does nothing while the
@@ -128,7 +128,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     secrets_of_root(&planned).try_for_each(service_user::give)
 }
 
-/// Returns the written secret files that belong to root, because the directory of each belongs to root.
+/// Returns the secret files that were written and belong to root, because their directories belong to root.
 fn secrets_of_root(written: &[Planned]) -> impl Iterator<Item = &Path> {
     let secrets = written.iter().filter(|file| file.mode == SECRET_MODE).map(|file| file.path.as_path());
     secrets.filter(|path| path.symlink_metadata().is_ok_and(|found| found.uid() == 0))
@@ -203,7 +203,7 @@ fn check(manifest: &Manifest) -> anyhow::Result<()> {
                 && !name.ends_with('/'),
             "file {shown} of the backup would be outside the directories of profile and state"
         );
-        ensure!(room != PRODUCTS || products::is_name(name), "{shown} is no file that learning stores");
+        ensure!(room != PRODUCTS || products::is_name(name), "{shown} is not a file of learned data");
         ensure!(room != STATE || !name.contains('/'), "{shown} is no file of a state directory");
         ensure!(
             [SECRET_MODE, MODE, PROFILE_MODE].contains(mode),
@@ -264,7 +264,7 @@ fn is_to_be_written(
     Ok(true)
 }
 
-/// Creates the directory of what was learned, in the state directory. If the program runs as root, the new directory
+/// Creates the directory of the learned data, in the state directory. If the program runs as root, the new directory
 /// gets the owner of the state directory, because the gateway writes to both.
 fn make_below(directory: &Path, place: &Path) -> std::io::Result<()> {
     if place.is_dir() {

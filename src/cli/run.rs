@@ -311,9 +311,9 @@ fn check(arguments: &Arguments, socket: &Path) -> anyhow::Result<()> {
     sources.map_or(Ok(()), seal).context("the profile cannot be handed over")
 }
 
-/// Claims the registers to which this gateway writes, against other gateways on this computer. If another gateway
-/// writes to a register that is to be released, no register is released, and this gateway runs. Returns the reason if
-/// other gateways cannot be detected.
+/// Claims the registers to which this gateway writes, so that no other gateway on this computer writes to them. If
+/// another gateway writes to a register that is to be released, no register is released, and this gateway runs. Returns
+/// the reason if other gateways cannot be detected.
 fn claim(profile: &Profile, directory: &Path, options: &mut Options) -> anyhow::Result<Option<String>> {
     let released = with_releases(directory, profile.clone());
     if released.outputs.len() > profile.outputs.len() {
@@ -330,8 +330,8 @@ fn web(listen: Option<&str>, profile: &Profile) -> Option<Web> {
 }
 
 /// Creates the state directory if needed, and returns its path. It comes from the option, from the profile, or from the
-/// platform. The path is absolute, so that other verbs find the command socket in the kernel's list. It stays relative
-/// if the absolute path is too long for a socket.
+/// platform. The path is absolute, so that other verbs find the command socket in the kernel's list of sockets. It
+/// stays relative if the absolute path is too long for a socket.
 fn state_directory(option: Option<&Path>, profile: &Profile) -> anyhow::Result<PathBuf> {
     let directory = state_path(option, profile);
     make_directory(&directory).with_context(|| {

@@ -157,7 +157,7 @@ fn print_report(line: &Line, report: ScanReport, json: bool) -> anyhow::Result<(
     }
 }
 
-/// The line with every setting to try.
+/// Returns the address of the line once for each combination of baud rate and parity to try.
 fn settings(line: &LineAddress, bauds: &[u32], parities: &[Parity]) -> Vec<LineAddress> {
     let Some(serial) = line.serial() else { return vec![line.clone()] };
     let bauds = if bauds.is_empty() { &[serial.baud] } else { bauds };
@@ -169,12 +169,13 @@ fn settings(line: &LineAddress, bauds: &[u32], parities: &[Parity]) -> Vec<LineA
 /// Results of the scan so far.
 struct ScanResults {
     found: Vec<(LineAddress, Responder)>,
-    /// Faults that are evidence of something on a line, but not of a unit. Each fault is in the list once.
+    /// Faults which show that something is connected to a line, but not which unit, each with its line. Each fault is
+    /// in the list once.
     noticed: Vec<(LineAddress, Fault)>,
     hints: Hints,
     ranges: Vec<(u8, RegisterRange)>,
-    /// Unit that answers only with another setting, and its behaviour. `None` if there is no such unit, or if units
-    /// have answered without one.
+    /// Unit that answers only with another connection setting (a pause, or a second request), and its behaviour. `None`
+    /// if there is no such unit, or if other units have answered.
     needs: Option<(u8, NewConnection)>,
     /// Number of requests sent. `questions` is the number of all planned requests.
     asked: usize,

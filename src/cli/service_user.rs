@@ -56,8 +56,8 @@ pub(super) fn give(path: &Path) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// Gives a file to this user and group. A link is not followed, and a file with a second name is not given away. A user
-/// who may write to the directory could otherwise get any file of root.
+/// Gives a file to this user and group. A symbolic link, or a file with several hard links, is an error. Otherwise a
+/// user who may write to the directory could become the owner of any file of root.
 fn give_to(path: &Path, (user, group): (u32, u32)) -> Result<()> {
     let flags = (OFlags::NOFOLLOW | OFlags::NONBLOCK | OFlags::NOCTTY).bits().cast_signed();
     let file = OpenOptions::new().read(true).custom_flags(flags).open(path)?;

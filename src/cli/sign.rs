@@ -112,7 +112,7 @@ fn return_to_zero(socket: &Path, axis: &str, profile: &Profile) -> anyhow::Resul
     }
 }
 
-/// Returns the part of an axis of the gateway's status. Without a gateway, this is an error.
+/// Returns the entry of an axis in the gateway's status. If no gateway runs, returns an error.
 fn status_of(socket: &Path, axis: &str) -> anyhow::Result<Value> {
     let status: Value = serde_json::from_str(&control::status(socket)?)?;
     let axes = status["axes"].as_array().map_or(&[][..], Vec::as_slice);
@@ -123,7 +123,7 @@ fn status_of(socket: &Path, axis: &str) -> anyhow::Result<Value> {
     Ok(own.clone())
 }
 
-/// Waits until the axis compensates and its registers hold its offset, and returns its part of the status. Prints each
+/// Waits until the axis compensates and its registers hold its offset, and returns its entry in the status. Prints each
 /// new reason for which it waits. An axis without a model is not waited for, because the check itself arms it.
 fn wait_until_ready(socket: &Path, axis: &str, profile: &Path) -> anyhow::Result<Value> {
     let mut said = String::new();
@@ -158,7 +158,7 @@ enum Readiness {
     Off,
 }
 
-/// Returns the readiness of an axis from its part of the status.
+/// Returns the readiness of an axis from its entry in the status.
 fn readiness(axis: &Value) -> Readiness {
     if axis["has_model"] == false {
         return Readiness::Ready;
@@ -174,7 +174,8 @@ fn readiness(axis: &Value) -> Readiness {
     }
 }
 
-/// Largest distance between Cz and the register of an axis that is ready, µm. The gateway checks it exactly.
+/// Largest difference between Cz and the register value with which an axis counts as ready, µm. The gateway itself
+/// checks this exactly.
 const SETTLED_UM: f64 = 1.0;
 
 fn moved(word: &str) -> Option<DialDirection> {

@@ -1,4 +1,5 @@
-//! Backups in a directory, of which the newest are kept. Their names contain machine and time.
+//! Rotation of backups in a directory: the newest are kept, older ones are removed. Their names contain machine and
+//! time.
 
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
@@ -7,11 +8,11 @@ use anyhow::Context;
 
 use super::write_new;
 
-/// Ending of the name of a backup.
+/// File extension of a backup.
 const ENDING: &str = ".tar";
-/// Further ending of a backup that is not complete yet.
+/// Additional file extension of an incomplete backup: `.tar.part`.
 const PART: &str = "part";
-/// Form of the time in a name: a digit for each 0, and the other characters as they are.
+/// Format of the time in a file name. Each 0 stands for a digit; the other characters are literal.
 const TIME: &str = "0000-00-00T00-00-00Z";
 
 /// Returns the path of a new backup in this directory. `time` is its time in UTC, RFC 3339.
@@ -30,7 +31,8 @@ pub(super) fn check(directory: &Path) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// Writes a new backup. Only a complete one gets its name, because an incomplete one would count as one of the copies.
+/// Writes a new backup under a temporary name, and renames the file when it is complete. An incomplete file would
+/// otherwise count as one of the copies.
 pub(super) fn write(file: &Path, archive: &[u8], mode: u32) -> std::io::Result<()> {
     if file.exists() {
         return Err(ErrorKind::AlreadyExists.into());
@@ -40,8 +42,8 @@ pub(super) fn write(file: &Path, archive: &[u8], mode: u32) -> std::io::Result<(
     std::fs::rename(&part, file)
 }
 
-/// Removes the backups of this machine except `new` and the newest of the others, so that `copies` are left. Returns the
-/// removed files. Other files in the directory are not touched.
+/// Removes old backups of this machine until `copies` backups are left: `new` and the newest of the others. Returns the
+/// removed files. Other files in the directory are not changed.
 pub(super) fn remove_old(new: &Path, machine: &str, copies: usize) -> anyhow::Result<Vec<PathBuf>> {
     let directory = new.parent().unwrap_or(Path::new("."));
     let new = new.file_name().and_then(|name| name.to_str()).unwrap_or_default();
@@ -77,9 +79,9 @@ fn remove(directory: &Path, names: Vec<String>) -> anyhow::Result<Vec<PathBuf>> 
     Ok(files)
 }
 
-/// Returns the names of the backups of this machine except `new` and the newest of the others, so that `copies` are left.
-/// Names in the order of the alphabet are in the order of time. The new one is kept in any case: a clock that was set
-/// back makes its name the oldest.
+/// Returns the names of the backups to remove. `copies` backups of this machine are kept: `new` and the newest of the
+/// others. Alphabetical order of the names is the order of time. `new` is always kept, because its name may be the
+/// oldest after the clock was set back.
 fn expired(names: Vec<String>, machine: &str, copies: usize, new: &str) -> Vec<String> {
     let mut old: Vec<String> =
         names.into_iter().filter(|name| name != new && is_backup(name, machine)).collect();

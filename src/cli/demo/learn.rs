@@ -1,10 +1,10 @@
-//! `isotherm demo --learn`: ten days of a virtual machine that is probed once an hour. Each night, a model is learned
-//! from the touches of the day, and a better one is adopted at the next machine start.
+//! `isotherm demo --learn`: ten days of a virtual machine whose error is measured by a probe once an hour (a touch).
+//! Each night, a model is learned from the touches of the day. A better model is adopted at the next machine start.
 //!
 //! ```text
 //! plant ── readings, touches ── compensation ── log ── learning ── candidate ── adoption
 //! ```
-//! The days run without sockets and without a clock, by the compensation, the log and the learning of the gateway. The
+//! The days run without sockets and without a clock, with the gateway's own code for compensation, log and learning. The
 //! model at the start belongs to another machine: its gains are too small.
 
 use std::io::Write;
@@ -37,20 +37,20 @@ const DAYS: u32 = 10;
 /// Duration of the shift on each day.
 const SHIFT: Duration = Duration::from_hours(8);
 const A_DAY: Duration = Duration::from_hours(24);
-/// Time at the beginning of each day in which the machine is still off.
+/// Time from the beginning of each day until the machine is switched on.
 const OFF: Duration = Duration::from_mins(1);
 /// Length of one step of the simulation.
 const STEP: Duration = Duration::from_secs(10);
-/// Time between two touches.
+/// Time between two measurements by the probe (touches).
 const TOUCHED_EVERY: Duration = Duration::from_hours(1);
-/// Distance of Cz from its target below which the errors of a day are counted, µm. At the start of a day, Cz still
-/// moves from its value of the day before.
+/// Difference between Cz and its target, µm. The errors of a day are counted once the difference is smaller than this.
+/// Before, Cz still moves from its value of the previous day.
 const ARRIVED: f64 = 1.0;
-/// Largest error of a touch, µm.
+/// Largest simulated measurement error of the probe, µm.
 const SCATTER: f64 = 0.5;
-/// Factor of the gains of the model at the start.
+/// Factor that makes the gains of the first model too small, because that model belongs to another machine.
 const FOREIGN: f64 = 0.5;
-/// Keys of the probe, in the table of the axis.
+/// Profile keys of the probe, as TOML for the table `[axis.NAME.probe]`.
 const PROBE: &str = "limit = 20.0\nmax_error = 60.0\nq = 40.0\nlearn = \"daily\"\nadopt = \"auto\"\n";
 
 /// Errors of one day, as they are printed.
@@ -68,10 +68,10 @@ pub(super) struct Day {
     pub(super) left_um: [f64; 2],
 }
 
-/// Virtual machine with the gateway's own compensation, without lines.
+/// Simulated machine with the gateway's own compensation, without bus lines.
 struct Rig {
     profile: Profile,
-    /// Axis that learns.
+    /// Index of the axis whose model is learned.
     axis: usize,
     plant: PlantSpec,
     seed: u64,
@@ -81,7 +81,8 @@ struct Rig {
 
 /// Runs the days, and prints each.
 pub(super) fn run(machine: &str, seed: u64, json: bool) -> anyhow::Result<Vec<Day>> {
-    let logs = Logs::make().context("the logs of the demo cannot be made in the temporary directory")?;
+    let logs =
+        Logs::make().context("the log directory of the demo cannot be created in the temporary directory")?;
     let mut rig = Rig::new(machine, seed)?;
     let name = rig.profile.axes[rig.axis].settings.name.clone();
     let choice = choice(&rig.profile, &name, &[]);
@@ -161,7 +162,7 @@ impl Rig {
         Ok(Rig { profile, axis, plant, seed, compensation, recorder })
     }
 
-    /// Runs one day, and writes its log. Returns its errors and its end.
+    /// Simulates one day, and writes its log. Returns the errors of the day and the time at its end.
     fn day(&mut self, number: u32, file: &Path) -> anyhow::Result<(Day, Moment)> {
         let begin = self.plant.start().after(A_DAY * number);
         let mut plant = Plant::new(&self.plant, self.seed + u64::from(number), begin);
@@ -239,7 +240,7 @@ impl Rig {
     }
 }
 
-/// Range and root mean square of an error.
+/// Collector for the range and the root mean square of an error.
 #[derive(Clone, Copy, Debug, Default)]
 struct Errors {
     range: Option<(f64, f64)>,

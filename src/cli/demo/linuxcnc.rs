@@ -1,5 +1,5 @@
-//! LinuxCNC as a real control in the demo. It runs without a screen from the files of `profiles/linuxcnc`, and cuts a
-//! part repeatedly.
+//! LinuxCNC as the machine control (CNC) of the demo. It runs without a screen from the files of `profiles/linuxcnc`,
+//! and cuts a part repeatedly.
 
 use std::hash::{BuildHasher, Hasher, RandomState};
 use std::io::{BufRead, BufReader, Write};
@@ -30,7 +30,7 @@ macro_rules! files {
     };
 }
 
-/// Files with which LinuxCNC is started. The first [`PROGRAMS`] files are programs.
+/// Files with which LinuxCNC is started. The first [`PROGRAMS`] files are executable programs.
 const FILES: [(&str, &str); 15] = files![
     "headless",
     "isotherm-eoffset",
@@ -126,8 +126,8 @@ impl Mill {
         }
     }
 
-    /// Sets the address of the control in the profile to LinuxCNC, and moves the virtual plant by the offset that
-    /// LinuxCNC applies.
+    /// Sets the address of the control in the profile to that of LinuxCNC. A thread then moves the virtual plant by the
+    /// offset that LinuxCNC applies.
     pub(super) fn takes_the_place_of_the_control(
         mut self,
         profile: &mut Profile,

@@ -1,5 +1,5 @@
-//! Temporary logs of a demo, so that its web page has a history. A demo stores no state and no register ledger: each
-//! one starts without them.
+//! Temporary logs of a demo, so that its web page has a history. A demo stores no saved state and no register ledger
+//! (record of written values), so each demo starts without them.
 
 use std::io;
 use std::path::{Path, PathBuf};
@@ -46,7 +46,7 @@ impl Drop for Logs {
     }
 }
 
-/// Disk for saved state and register ledger that stores nothing.
+/// Storage that discards the saved state and the register ledger (record of written values).
 pub(super) struct NullDisk;
 
 impl Disk for NullDisk {

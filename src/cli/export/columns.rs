@@ -1,11 +1,11 @@
-//! Columns of all days of a machine. Each exported day has all of them, so that programs that take the columns from one
-//! file read every day.
+//! Columns of the exported files of a machine. Every file has the columns of all days, because some programs take the
+//! columns of all files from one of them.
 
 use std::collections::BTreeMap;
 
 use super::table::Kind;
 
-/// Columns of every day, before those of the logs.
+/// First columns of every exported file. The columns of the logs follow.
 pub(super) const FIRST: [(&str, Kind); 2] = [("time", Kind::Moment), ("machine", Kind::Text)];
 
 /// Name and type of a column.
@@ -19,7 +19,7 @@ pub(super) struct Columns {
 }
 
 impl Columns {
-    /// Creates the list with the columns of every day.
+    /// Creates the list with the first columns of every exported file ([`FIRST`]).
     pub(super) fn new() -> Columns {
         let mut columns = Columns { all: Vec::new(), places: BTreeMap::new() };
         FIRST.into_iter().for_each(|(name, kind)| columns.push(name.to_owned(), kind));
@@ -30,27 +30,28 @@ impl Columns {
         &self.all
     }
 
-    /// Adds a column of an exported file, which keeps its name.
+    /// Adds a column of an exported file under its present name.
     pub(super) fn add_exported(&mut self, name: &str, kind: Kind) {
         if !self.places.contains_key(name) {
             self.push(name.to_owned(), kind);
         }
     }
 
-    /// Adds a column of a log.
+    /// Adds a column of a log. If its name is already taken by another column, a suffix is added.
     pub(super) fn add(&mut self, name: &str, kind: Kind) {
         if let Err(free) = self.find(name, kind) {
             self.push(free, kind);
         }
     }
 
-    /// Returns the place of a column of a log. `None` if it was not added.
+    /// Returns the index of a log column in the exported table; `None` if the column was not added.
     pub(super) fn place(&self, name: &str, kind: Kind) -> Option<usize> {
         self.find(name, kind).ok()
     }
 
-    /// Finds the place of a column of a log. The error is the name under which it can be added. A signal may have the
-    /// name of a first column, or the name that a column of another type has on other days.
+    /// Finds the index of a log column in the exported table. The error is the free name under which the column can be
+    /// added. A signal may have the name of one of the first columns, or of a column that has another type on other
+    /// days.
     fn find(&self, name: &str, kind: Kind) -> Result<usize, String> {
         let ending = if kind == Kind::Number { "signal" } else { "axis" };
         let mut name = name.to_owned();

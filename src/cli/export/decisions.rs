@@ -13,7 +13,7 @@ use crate::gateway::log::{is_for_replay, is_text};
 use isotherm_core::quantity::{Moment, time};
 use isotherm_profile::safe_file;
 
-/// One log. For each of its columns it has the position of the column in the table.
+/// Open log, with the index of each of its columns in the exported table.
 struct Log<'p> {
     path: &'p Path,
     reader: Reader<File>,
@@ -60,7 +60,8 @@ pub(super) fn columns(path: &Path) -> anyhow::Result<Vec<Column>> {
     Ok(open(path)?.1.into_iter().flatten().collect())
 }
 
-/// Opens a log. Returns its columns after the time; `None` for one that only a replay needs.
+/// Opens a log. Returns its columns after the time; `None` for a column that is not exported, because only a replay
+/// needs it.
 fn open(path: &Path) -> anyhow::Result<(Reader<File>, Vec<Option<Column>>)> {
     let shown = || format!("{} cannot be read", path.display());
     let file = safe_file::open(path).with_context(shown)?;

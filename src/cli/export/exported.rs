@@ -137,10 +137,11 @@ pub(super) fn widen(path: &Path, columns: &[Column], to: &mut File) -> anyhow::R
     Ok(())
 }
 
-/// Returns the number of rows in a part of an exported file. A damaged number must not fill the memory.
+/// Returns the number of rows in a row group (part of a Parquet file). A larger number than an export writes is an
+/// error, because a damaged file could otherwise use all memory.
 fn count(rows: &RowGroupMetaData) -> anyhow::Result<usize> {
     let count = usize::try_from(rows.num_rows()).ok().filter(|count| *count <= HELD);
-    count.with_context(|| format!("the file is damaged: a part of it has {} rows", rows.num_rows()))
+    count.with_context(|| format!("the file is damaged: one of its row groups has {} rows", rows.num_rows()))
 }
 
 /// Writes a column without values for this number of rows.

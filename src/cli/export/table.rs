@@ -129,7 +129,7 @@ pub(super) fn properties() -> WriterPropertiesBuilder {
     WriterProperties::builder().set_compression(packed).set_created_by(by)
 }
 
-/// Returns the column of an exported file in its schema.
+/// Returns the Parquet schema of a column with this name and type.
 pub(super) fn field(name: &str, kind: Kind) -> Result<Type, ParquetError> {
     let (physical, logical, repetition) = match kind {
         Kind::Moment => {

@@ -1,5 +1,5 @@
-//! `--into-profile`: puts the identified model into the profile after a yes. Everything else in the file stays as it was
-//! written. The profile before is kept next to it.
+//! `--into-profile`: puts the identified model into the profile after the user has answered yes. Everything else in the
+//! file is unchanged. The previous profile is kept in the same directory.
 
 use std::fs::Metadata;
 use std::io::Write;
@@ -19,15 +19,15 @@ use isotherm_identify::written::{Written, written};
 use isotherm_profile::edit::{ModelEdit, put_machine_on, put_model};
 use isotherm_profile::{NO_MACHINE_START, Profile, counted, environment, load_edited, safe_file};
 
-/// Largest number at the end of the names of a model's files.
+/// Largest number that is tried at the end of a model's file names.
 const MOST_FILES: u32 = 10_000;
 
 /// Options for a model that goes into the profile.
 #[derive(clap::Args, Debug)]
 pub(super) struct IntoProfileArguments {
-    /// Puts the model into the profile after a yes. It replaces the models of the axis; everything else in the file stays
-    /// as it was written, comments included. The files of the model are next to the profile, and the profile before is
-    /// kept as PROFILE.old
+    /// Puts the model into the profile after you have answered yes. It replaces the models of the axis; everything else
+    /// in the file is unchanged, comments included. The files of the model are written to the same directory. The
+    /// previous profile is kept as PROFILE.old
     #[arg(long, conflicts_with_all = ["json", "balls", "set"])]
     pub(super) into_profile: bool,
     /// With --into-profile: puts the model in without a question
@@ -35,7 +35,7 @@ pub(super) struct IntoProfileArguments {
     pub(super) yes: bool,
 }
 
-/// Edit of a profile that waits for the yes of the operator.
+/// Edit of a profile that waits for the confirmation of the user.
 pub(super) struct IntoProfile {
     /// The profile, as the user named it. Its files are next to this path, also if it is a link.
     path: PathBuf,
@@ -76,7 +76,7 @@ impl IntoProfile {
         Ok(IntoProfile { path, text, before, written, line, replaced })
     }
 
-    /// Asks, then writes the files of the model and the profile. `profile` is the profile before.
+    /// Asks the user, then writes the files of the model and the profile. `profile` is the previous profile.
     pub(super) fn ask_and_write(mut self, profile: &Profile, axis: &str, yes: bool) -> anyhow::Result<()> {
         let shown = self.path.display().to_string();
         let instead = match self.replaced {
@@ -92,9 +92,9 @@ impl IntoProfile {
         }
         let written = self.write(profile, axis, yes);
         let old = written.inspect_err(|_| self.remove_files())?;
-        say!("the model is in {shown}, line {}; the profile before is {}", self.line, old.display())?;
+        say!("the model is in {shown}, line {}; the previous profile is {}", self.line, old.display())?;
         for (name, _) in &self.written.files {
-            say!("a file of it is {name}, next to the profile")?;
+            say!("the model also needs the file {name} in the directory of the profile")?;
         }
         say!("Next: isotherm check {shown}")?;
         Ok(())
@@ -104,7 +104,8 @@ impl IntoProfile {
         self.path.parent().unwrap_or(Path::new(""))
     }
 
-    /// Writes the files of the model, the profile before, and the profile. Returns the path of the profile before.
+    /// Writes the files of the model, a copy of the previous profile, and the new profile. Returns the path of the
+    /// copy.
     fn write(&mut self, profile: &Profile, axis: &str, yes: bool) -> anyhow::Result<PathBuf> {
         let shown = self.path.display().to_string();
         // The profile may be a link, which stays.
@@ -147,8 +148,8 @@ impl IntoProfile {
             .profile)
     }
 
-    /// Asks which signal shows the machine start, because the rises of the model are counted from it. Without an
-    /// answer, the profile stays without such a signal.
+    /// Asks which signal shows the machine start, because the model uses temperature rises since then. Without an
+    /// answer, the profile gets no such signal.
     fn ask_for_the_start(&mut self, profile: &Profile, yes: bool) -> anyhow::Result<()> {
         say_beside!("{NO_MACHINE_START}");
         if yes {
@@ -170,7 +171,8 @@ impl IntoProfile {
                 "" | "none" => return Ok(()),
                 name if names.contains(&name) => {
                     let edited = put_machine_on(&self.text, name);
-                    self.text = edited.map_err(|why| anyhow::anyhow!("`on` cannot be put in: {why}"))?;
+                    self.text = edited
+                        .map_err(|why| anyhow::anyhow!("`on` cannot be added to the profile: {why}"))?;
                     // `on` is a line above the model, as [machine] stands above the axes in every shipped profile.
                     self.line += 1;
                     return Ok(());
@@ -184,7 +186,8 @@ impl IntoProfile {
     }
 }
 
-/// Returns the block and the files of a model. Their names do not exist yet, so that the profile before stays valid.
+/// Returns the block and the files of a model. Each file gets a name that does not exist yet, so that the previous
+/// profile stays valid.
 fn with_new_files(found: &Identified, path: &Path, outside: Outside) -> anyhow::Result<Written> {
     let directory = path.parent().unwrap_or(Path::new(""));
     let stem = path.file_stem().and_then(|stem| stem.to_str()).unwrap_or("model");

@@ -21,11 +21,11 @@ pub(super) struct Answers {
     pub(super) unit: Option<u8>,
     pub(super) signals: Vec<String>,
     pub(super) axis: String,
-    /// Whether the position of the axis is a diameter, as that of X of a lathe.
+    /// Whether the control shows the axis position as a diameter, for example X of a lathe.
     pub(super) diameter: bool,
     pub(super) limit: f64,
     pub(super) target: Target,
-    /// Line of the control, if it is not the line of the module.
+    /// Bus line of the control; `None` if module and control are on the same line.
     pub(super) control: Option<Line>,
     /// Unit of the control; `None` if it is an OPC UA server.
     pub(super) control_unit: Option<u8>,
@@ -98,7 +98,9 @@ impl Line {
     /// Parses the address of a line with frames of Modbus ASCII.
     fn parse_modbus_ascii(text: &str) -> Result<Line, String> {
         if let Some((port, _)) = text.split_once('?') {
-            return Err(format!("write {port}: baud rate, parity and data bits are asked"));
+            return Err(format!(
+                "write only {port}: further questions ask for baud rate, parity and data bits"
+            ));
         }
         let line: LineAddress = text.parse()?;
         Ok(match line.transport {
@@ -107,7 +109,7 @@ impl Line {
         })
     }
 
-    /// Address of a line on the network, path of a serial port, or URL.
+    /// Returns the address of a line on the network, the path of a serial port, or the URL of an OPC UA server.
     fn place(&self) -> &str {
         match self {
             Line::Tcp(place) | Line::AsciiOverTcp(place) | Line::Serial(place, _) | Line::OpcUa(place) => {
@@ -125,7 +127,7 @@ impl Line {
         }
     }
 
-    /// Returns whether both are one line: they have the same address, or the same port.
+    /// Returns whether `other` is the same bus line: it has the same address or the same serial port.
     pub(super) fn is_same(&self, other: &Line) -> bool {
         self.place() == other.place()
     }
@@ -135,9 +137,9 @@ impl Line {
 #[derive(Clone, Debug, PartialEq)]
 pub(super) enum Module {
     Template(Box<ModuleTemplate>),
-    /// Module without a template: the register of the first temperature, and the form of each.
+    /// Module without a template: the register of the first temperature, and type, word order and scale of all.
     SpelledOut(Cell, ValueForm),
-    /// OPC UA server: the node of each temperature, and the degrees Celsius of one count.
+    /// OPC UA server: the node of each temperature, and the scale of all values, °C per count.
     Nodes(Vec<TemperatureNode>, f64),
 }
 
@@ -201,7 +203,7 @@ pub(super) struct ControlTemplate {
     pub(super) keys: Vec<(String, String)>,
 }
 
-/// Destination of Cz before its form is known.
+/// Destination of Cz before data type, word order and scale of the offset are known.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) enum Destination {
     Template(Outline),
@@ -219,8 +221,8 @@ pub(super) fn destination(text: &str, known: &[Outline]) -> Result<Destination, 
     }
     if let Some(place) = opcua::place(text) {
         return Err(format!(
-            "opc.tcp://{place} is an OPC UA server, which is asked later: write the node of the offset, such as \
-             ns=2;s=Offset.Z"
+            "opc.tcp://{place} is the address of an OPC UA server, which a later question asks for: write the node of \
+             the offset, such as ns=2;s=Offset.Z"
         ));
     }
     let looks_like_a_register = text.contains(':') || text.bytes().all(|byte| byte.is_ascii_digit());

@@ -93,7 +93,7 @@ pub(super) fn ask(
     })
 }
 
-/// Options, and the questions for what they do not contain.
+/// Options of the command line, and questions for the values that no option gives.
 struct Asking<'a, 'q> {
     arguments: &'a Arguments,
     find: FindSettings<'a>,
@@ -177,7 +177,7 @@ impl Asking<'_, '_> {
         let base = match outline.is_movable {
             true => Some(self.text(
                 ("base", "First register of the module", Some("0")),
-                "The registers of this module begin where the other modules of its node end.",
+                "The first register depends on the other modules of the same fieldbus coupler: see its configuration.",
                 self.arguments.base.as_deref(),
                 answers::base,
             )?),
@@ -200,7 +200,7 @@ impl Asking<'_, '_> {
         self.text(("variant", &text, Some(usual)), help, self.arguments.variant.as_deref(), known).map(Some)
     }
 
-    /// Returns the module with the form of its temperatures: from its template, or asked.
+    /// Returns the module with type, word order and scale of its temperatures: from its template, or from the answers.
     fn channels(
         &mut self,
         outline: Option<Outline>,
@@ -252,7 +252,7 @@ impl Asking<'_, '_> {
         Ok(Module::Template(Box::new(ModuleTemplate { outline, variant, base, keys })))
     }
 
-    /// Asks for type, word order and scale of a value. `known` contains the answers of the Enter key. `first` is the
+    /// Asks for type, word order and scale of a value. `known` contains the default answers (Enter key). `first` is the
     /// first register; `None` if a template knows it. `given` are the options.
     fn form(
         &mut self,
@@ -346,7 +346,8 @@ impl Asking<'_, '_> {
         let base = match outline.is_movable {
             true => Some(self.text(
                 ("control-base", "First register of the control's block", None),
-                "The register from which the machine builder or the PLC programmer laid out the block: 0, 100, or 40101.",
+                "The first register of the block, as the machine builder or the PLC programmer has defined it: 0, 100, \
+                 or 40101.",
                 self.arguments.control_base.as_deref(),
                 answers::base,
             )?),
@@ -376,7 +377,7 @@ impl Asking<'_, '_> {
         let listed = names().collect::<Vec<_>>().join(", ");
         self.text(
             ("output-target", &format!("Target of the template for axis {axis}: {listed}"), None),
-            "The template has a register for each of these axes. Another one than that of the axis moves another axis.",
+            "The template has a register for each of these axes. A wrong register moves another axis.",
             given,
             |text| named(text).ok_or_else(|| isotherm_profile::allowed(text, names())),
         )
@@ -457,8 +458,9 @@ impl Asking<'_, '_> {
         )
     }
 
-    /// Returns the line with the settings of its port. `options` and `given` are those of baud rate, parity and data bits.
-    /// A serial line without options is tried after a yes, or asked. The settings of a line with text are only asked.
+    /// Returns the line with the settings of its serial port. `options` and `given` are names and values of the options
+    /// for baud rate, parity and data bits. Without a value, the settings are found by trying, if the user agrees, and
+    /// then asked for. For a device that sends text they are only asked for.
     fn settled(
         &mut self,
         line: Line,
@@ -499,7 +501,8 @@ impl Asking<'_, '_> {
         Ok(Line::Serial(port, SerialSettings { baud, parity, frames }))
     }
 
-    /// Tries the settings of a port after a yes. Returns those with which the unit answers.
+    /// Finds the settings of a serial port by trying, if the user agrees. Returns the settings with which the unit
+    /// answers; `None` if none were found.
     fn tried(
         &mut self,
         port: &str,
@@ -568,7 +571,7 @@ const OF_OFFSET: FormQuestions = FormQuestions {
     parse_scale: |text, _| Ok((value_form::scale(text)?, None)),
 };
 
-/// Target of which nothing is known, so that every question must be answered.
+/// Target without known type, word order and scale, so that every question must be answered.
 const NOTHING_KNOWN: OutlineTarget =
     OutlineTarget { name: String::new(), data_type: None, word_order: None, scale: None };
 

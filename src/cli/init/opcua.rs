@@ -10,7 +10,7 @@ const NOT_BUILT_IN: &str = "this program was built without OPC UA: use a package
 const NOT_A_SERVER: &str = "the destination of Cz is a node of an OPC UA server: write the address of the server, such as \
                             opc.tcp://192.168.0.20:4840";
 
-/// Sentence for a profile without security, after it is written.
+/// Note that is printed after a profile without OPC UA security was written.
 pub(super) const UNSECURED: &str =
     "A line over OPC UA has security = \"none\": its table in the profile shows how to secure it.";
 
@@ -23,7 +23,7 @@ pub(super) fn place(text: &str) -> Option<&str> {
     }
 }
 
-/// Returns what to do with the address of a server, if the destination of Cz is a register.
+/// Returns the error message for the address of an OPC UA server, if the destination of Cz is a register.
 pub(super) fn has_no_registers(place: &str) -> String {
     if !cfg!(feature = "opcua") {
         return NOT_BUILT_IN.to_owned();

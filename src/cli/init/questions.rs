@@ -11,7 +11,7 @@ pub(super) struct Question<'q> {
     pub(super) option: &'static str,
     /// The question in a few words.
     pub(super) text: &'q str,
-    /// Answer of the Enter key. `None` if a wrong guess would move an axis, so that there is no default.
+    /// Default answer (Enter key). `None`: there is no default, because a wrong guess would move an axis.
     pub(super) usual: Option<&'q str>,
     /// Explanation for the answer `?`.
     pub(super) help: &'q str,
@@ -62,7 +62,8 @@ impl<'a> Questions<'a> {
             let shown = usual.map_or(String::new(), |usual| format!(" [{usual}]"));
             let Some(line) = self.line(&format!("{text}{shown}: "))? else {
                 anyhow::bail!(
-                    "the answers ended before `{text}`; no profile is written. --yes uses the defaults"
+                    "the input ended before the question `{text}` was answered; no profile is written. --yes uses the \
+                     defaults"
                 );
             };
             let answer = match (line.trim(), usual) {
@@ -87,8 +88,8 @@ impl<'a> Questions<'a> {
         }
     }
 
-    /// Asks whether to do something that takes time. Enter agrees. Without questions, and at the end of the answers, it
-    /// is not done.
+    /// Asks the user whether to do something that takes time. Enter means yes. Returns `false` without a question if
+    /// defaults are used, and at the end of the input.
     pub(super) fn agrees(&mut self, text: &str, help: &str) -> anyhow::Result<bool> {
         if self.takes_defaults {
             return Ok(false);
@@ -104,7 +105,7 @@ impl<'a> Questions<'a> {
         }
     }
 
-    /// Prints a prompt and reads one line; `None` at the end of the answers.
+    /// Prints a prompt and reads one line; `None` at the end of the input.
     pub(super) fn line(&mut self, prompt: &str) -> anyhow::Result<Option<String>> {
         write!(self.out, "{prompt}")?;
         self.out.flush()?;

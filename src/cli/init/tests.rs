@@ -80,7 +80,7 @@ fn the_defaults_and_a_register_give_a_profile_that_check_takes() {
 fn nothing_that_moves_an_axis_has_a_default() {
     let (answers, shown) = answered(&"\n".repeat(40));
     let why = answers.unwrap_err().to_string();
-    assert!(why.contains("the answers ended before `Destination of Cz"), "{why}");
+    assert!(why.contains("the input ended before the question `Destination of Cz"), "{why}");
     assert!(shown.contains("this question has no default"), "{shown}");
     for (options, missing) in [
         (&["--yes"][..], "--output is needed"),
@@ -480,7 +480,7 @@ fn a_control_at_the_address_of_the_module_is_on_its_line() {
 fn answers_that_end_write_nothing() {
     let (answers, _) = answered("press-7\n");
     let why = answers.unwrap_err().to_string();
-    assert!(why.contains("the answers ended") && why.contains("--yes"), "{why}");
+    assert!(why.contains("the input ended") && why.contains("--yes"), "{why}");
 }
 
 #[test]

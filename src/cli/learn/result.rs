@@ -14,7 +14,7 @@ pub(super) struct AxisResult {
     pub(super) new: Vec<TakenRun>,
     /// Number of runs from which the candidate was learned.
     pub(super) runs: usize,
-    /// Residual errors over the last judged days; `None` if no day was judged.
+    /// Residual errors of candidate and model in use over the last compared days; `None` if no day was compared.
     pub(super) gain: Option<GainShown>,
     /// Whether the candidate is better than the model in use.
     pub(super) proposed: bool,
@@ -30,7 +30,7 @@ pub(super) struct AxisResult {
 /// Residual errors of both models, as root mean squares in µm.
 #[derive(Clone, Copy, Debug, Serialize)]
 pub(super) struct GainShown {
-    /// Time of the first judged day, in nanoseconds since the Unix epoch.
+    /// Start of the first compared day, in nanoseconds since the Unix epoch.
     pub(super) since: Moment,
     pub(super) days: usize,
     pub(super) touches: u32,

@@ -54,11 +54,11 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         (false, false) => Some(made(&own, &cert, &key, arguments.years)?),
         (true, false) => anyhow::bail!(
             "{shown_cert} exists, but its key {shown_key} is missing. Copy the key to this path, or move the \
-             certificate away so that both are made"
+             certificate away so that both are created"
         ),
         (false, true) => anyhow::bail!(
-            "the key {shown_key} exists, but its certificate {shown_cert} is missing. Copy the certificate \
-             to this path, or move the key away so that both are made"
+            "the key {shown_key} exists, but its certificate {shown_cert} is missing. Copy the certificate to this \
+             path, or move the key away so that both are created"
         ),
     };
     let (is_new, bytes) = (made.is_some(), made.unwrap_or(own.cert.bytes));
@@ -70,7 +70,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         }));
     }
     match is_new {
-        true => say!("made for {}: {shown_cert}, and its key {shown_key}", own.owner)?,
+        true => say!("created for {}: certificate {shown_cert}, and its key {shown_key}", own.owner)?,
         false => say!("{} uses {shown_cert}", own.owner)?,
     }
     say_all!("{}", certificate.text(Clock::wall().time_of_day()))?;

@@ -75,8 +75,7 @@ fn of_the_server<'o>(line: &SecuredLine, offers: &'o [Offer]) -> anyhow::Result<
     let found = found.or_else(|| offers.iter().find(shown)).and_then(|offer| offer.certificate.as_ref());
     found.ok_or_else(|| {
         anyhow::anyhow!(
-            "the server at {} shows no certificate: switch on security at the server, Basic256Sha256 or \
-             better",
+            "the server at {} offers no certificate: enable security at the server, Basic256Sha256 or better",
             line.bus.address
         )
     })

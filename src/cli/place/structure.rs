@@ -171,7 +171,7 @@ fn calculix(
     Ok(Computed { p: rows(&columns), adjoint: None, loads: loads.collect() })
 }
 
-/// Reads every file. Returns an error if the files, with that of the plant, do not describe the same structure.
+/// Reads every file. Returns an error if the files, including that of the plant, do not describe the same structure.
 fn read(paths: &[PathBuf], plant: Option<&FeInput>, progress: Progress<'_>) -> anyhow::Result<Vec<FeInput>> {
     let mut inputs: Vec<FeInput> = Vec::new();
     let mut wrong = Vec::new();
@@ -194,8 +194,8 @@ fn read(paths: &[PathBuf], plant: Option<&FeInput>, progress: Progress<'_>) -> a
     Ok(inputs)
 }
 
-/// Returns the error for a file that is no FE input. It names the kind of a file without cards, if the kind is known,
-/// and has the `faults` otherwise.
+/// Returns the error for a file that is no FE input. If the file has no keyword cards and its kind is known, the error
+/// names the kind. Otherwise the error lists the `faults`.
 pub(super) fn named(path: &Path, faults: Faults) -> anyhow::Error {
     match faults.is_without_cards(path) {
         true => of_other_kind(path, FileKind::Mesh, faults),

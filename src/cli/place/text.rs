@@ -5,7 +5,7 @@ use std::fmt::{self, Display, Formatter};
 use isotherm_placement::blocks::Part;
 use isotherm_placement::study::{CaseResult, Placement};
 
-/// Placement, and the parts of the structure that it divides.
+/// Text of a sensor placement, and of the parts into which the placement divides the structure.
 pub(super) struct Text<'a>(pub(super) &'a Placement, pub(super) &'a [Part]);
 
 impl Display for Text<'_> {

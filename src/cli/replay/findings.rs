@@ -20,7 +20,8 @@ pub struct StandIn {
     pub signal: String,
     /// Reason why the sensor itself is not used.
     pub kind: SensorFault,
-    /// Time in seconds at the start of the time span, since the reading last changed (frozen) or was last good (lost).
+    /// Duration of the fault at the start of the time span, s: time since the reading last changed (frozen) or was last
+    /// good (lost).
     pub for_s: f64,
     /// Signals of the other sensors from which the value is calculated.
     pub by: Vec<String>,
@@ -42,7 +43,7 @@ pub enum SensorFault {
 pub struct Suspicion {
     /// Signal of the sensor.
     pub signal: String,
-    /// Time in seconds at the start of the time span since the reading last changed.
+    /// Time since the last change of the reading, at the start of the time span, s.
     pub for_s: f64,
     /// Reason why the sensor was not replaced by a calculated value at the start of the time span.
     pub why: String,

@@ -36,7 +36,8 @@ pub(super) fn is_of_outputs(first: &[u8]) -> bool {
     first.starts_with(HEADER.trim_end().as_bytes())
 }
 
-/// Replays the log of outputs that belongs to this log of decisions. Returns `None` if there is none.
+/// Replays the log of outputs that belongs to this log of decisions. Returns `None` if this log of outputs does not
+/// exist.
 pub(super) fn beside(log: &Path) -> anyhow::Result<Option<OutputsSummary>> {
     let Some(stem) = log.to_str().and_then(|name| name.strip_suffix(".csv")) else { return Ok(None) };
     let name = format!("{stem}{ENDING}");

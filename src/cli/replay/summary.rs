@@ -39,10 +39,10 @@ pub struct AxisSummary {
     pub raw_um: Option<Range>,
     /// Range of Cz after the limits of the axis (limit, deadband, step, rate, rounding), µm.
     pub cz_um: Option<Range>,
-    /// Share of the log rows in each state of the axis that occurred.
+    /// Share of the log rows, from 0 to 1, in each state of the axis that occurred.
     pub states: BTreeMap<&'static str, f64>,
-    /// Share of the log rows whose model was worse than no compensation, as measurements with the probe had shown;
-    /// `None` if there were none.
+    /// Share of the log rows, from 0 to 1, at which the model was worse than no compensation by the measurements of the
+    /// probe. `None` if there were no such rows.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub worse: Option<f64>,
     /// Names of the learned models that the axis preferred, in the order of time.
@@ -113,10 +113,11 @@ pub(super) struct Tally {
     last: Option<Moment>,
     /// Value of the column `time` in the last log row.
     last_time: String,
-    /// First axis and model whose file of stand-ins differs from the file at the time of the log; `None` if none
-    /// differs.
+    /// First axis and model whose file of stand-ins (calculated values for lost sensors) differs from that at the time
+    /// of the log. `None` if no file differs.
     other_stand_ins: Option<(String, String)>,
-    /// First axis and its learned model that belongs to other models than those of the profile; `None` if there is none.
+    /// First axis whose learned model was learned for other models than those of the profile, with the name of the
+    /// learned model. `None` if there is no such axis.
     superseded: Option<(String, String)>,
     axes: Vec<AxisTally>,
 }
@@ -125,7 +126,7 @@ pub(super) struct Tally {
 struct AxisTally {
     name: String,
     every: Duration,
-    /// Number of log rows whose time since the row before is longer than the update interval of the axis.
+    /// Number of log rows that follow the previous row by more than the update interval of the axis.
     late: u64,
     raw: Spread,
     cz: Spread,

@@ -1,5 +1,5 @@
-//! File of `--out`. It is written under another name and renamed when it is complete. An error leaves no part of it, and
-//! does not damage an older file.
+//! File of `--out`. It is written under another name and renamed when it is complete. After an error, no incomplete
+//! file remains, and an older file is unchanged.
 
 use std::fs::File;
 use std::io::{self, Write};
@@ -17,7 +17,7 @@ pub(super) struct WholeFile {
 }
 
 impl WholeFile {
-    /// Begins the file. `log` is the file that is read, which must be another one.
+    /// Begins the file. `path` must not name `log`, the file that is read.
     pub(super) fn begin(path: &Path, log: &Path) -> anyhow::Result<WholeFile> {
         let why = || format!("cannot write {}", path.display());
         // The target of a link is replaced, not the link.

@@ -82,7 +82,7 @@ fn of_what_was_learned_only_names_that_learning_gives_are_accepted() {
     for path in ["products/notes.txt", "products/deep/z.learning.json", "products/z.state.json"] {
         let files = [GOOD[0], (path, b"x".as_slice())];
         let said = why(&archive(&manifest(&files), &files));
-        assert!(said.contains("is no file that learning stores"), "{path}: {said}");
+        assert!(said.contains("is not a file of learned data"), "{path}: {said}");
     }
 }
 

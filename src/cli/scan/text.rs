@@ -58,7 +58,7 @@ fn meaning(code: u8) -> &'static str {
     match code {
         1 => "no such function",
         2 => "no such register",
-        3 => "not this number of registers",
+        3 => "number of registers not allowed",
         4 => "device failure",
         5 | 6 => "busy",
         _ => "the device's own code",

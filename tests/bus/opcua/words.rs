@@ -173,7 +173,7 @@ fn a_line_that_is_not_secured_has_no_certificate_and_is_told_how_it_gets_one() {
     let server = Server::start(&[]);
     std::fs::write(&path, machine(server.port, &secured("sign", "own", ""))).unwrap();
     let ended = typing(&mut opcua(&path, "trust", &[]), "yes\n");
-    assert!(ended.said.contains("shows no certificate: switch on security at the server"), "{}", ended.said);
+    assert!(ended.said.contains("offers no certificate: enable security at the server"), "{}", ended.said);
 }
 
 #[tokio::test]

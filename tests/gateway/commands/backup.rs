@@ -95,7 +95,7 @@ fn a_restored_machine_keeps_what_it_learned() {
     }
     let file = bench.home.path().join("walker.tar");
     let (code, reported) = bench.ask(&["backup", file.to_str().unwrap()]);
-    assert!(code == 0 && reported.contains("of them 3 with what was learned from touches"), "{reported}");
+    assert!(code == 0 && reported.contains("3 of them with learned data"), "{reported}");
     stop(&mut bench);
     let elsewhere = bench.home.path().join("elsewhere");
     let (code, reported) = restore(&bench, &file, &elsewhere, &elsewhere.join("state"));

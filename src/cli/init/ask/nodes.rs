@@ -19,8 +19,8 @@ impl Asking<'_, '_> {
             )?;
             let element = self.text(
                 ("element", &format!("Index of {signal} in the node's array, or none"), Some("none")),
-                "2 is the third value of an array; 1,2 is an element of two dimensions. A node with a single value has \
-                 none, also a node with an index in its name.",
+                "2 is the third value of an array; 1,2 is an element of two dimensions. If the node has a single \
+                 value, write none, even if its name contains an index.",
                 self.arguments.elements.get(place).map(String::as_str),
                 opcua::element,
             )?;
