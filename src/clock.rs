@@ -118,7 +118,8 @@ impl Clock {
         Clock { source, followed: Arc::default(), set_to: Arc::default() }
     }
 
-    /// Returns the difference from counted time to the time of day, as of the last [`Clock::check_time_of_day`].
+    /// Returns the difference from counted time to the time of day, as measured by the last
+    /// [`Clock::check_time_of_day`].
     pub fn shift(&self) -> Shift {
         self.followed.shift()
     }
@@ -158,8 +159,8 @@ impl Clock {
         matches!(self.source, Source::Simulated(_))
     }
 
-    /// Returns whether so many tasks sleep by this clock that the computer is rarely idle. A wake-up then costs less than
-    /// the replacement of a timer.
+    /// Returns whether many tasks sleep by this clock, so that the computer is rarely idle. A wake-up then costs less
+    /// than the replacement of a timer.
     pub fn is_busy(&self) -> bool {
         matches!(&self.source, Source::Wall(wall) if wall.is_busy())
     }

@@ -349,8 +349,8 @@ impl VirtualMachine {
         (ListenerSwitch { devices, switch, is_open: true }, Arc::new(line), switched)
     }
 
-    /// Serves the nodes of a bus, whose first device is given. Returns the URL of the server, and the switch of its
-    /// listener.
+    /// Starts the OPC UA server of the bus `index`, whose first device is `device`. Returns the URL of the server, and
+    /// the switch that opens and closes its listener.
     #[cfg(feature = "opcua")]
     async fn node_gate(
         &mut self,
@@ -403,7 +403,7 @@ impl VirtualMachine {
         profile
     }
 
-    /// Returns the actual address of a bus over TCP; `None` for other buses.
+    /// Returns the actual TCP address of a bus; `None` for a bus without TCP.
     pub fn address(&self, bus: BusId) -> Option<SocketAddr> {
         self.addresses.iter().find(|(id, _)| *id == bus).and_then(|(_, address)| address.parse().ok())
     }
@@ -461,7 +461,8 @@ async fn listen(bus: &isotherm_profile::Bus, ports: Ports) -> Result<TcpListener
     TcpListener::bind(address).await.map_err(|source| refused(bus, source))
 }
 
-/// Creates a serial port: at the path in the profile if it is free, otherwise at a new one. Returns its path, too.
+/// Creates a virtual serial port: at the path in the profile if that path is free, otherwise at a new path. Also
+/// returns the path.
 fn serial_port(
     bus: &isotherm_profile::Bus,
     ports: Ports,

@@ -1,5 +1,5 @@
-//! Elapsed time. The monotonic clock stops while the computer is suspended, although the machine continues to warm up.
-//! The clock that counts from the boot of the computer does not stop.
+//! Elapsed time since the boot of the computer, including the time in which the computer is suspended. The monotonic
+//! clock stops during that time, although the temperatures of the machine continue to change.
 
 use std::fmt;
 use std::sync::Arc;

@@ -1,6 +1,6 @@
 //! Virtual clock. It wakes one task at a time. A sleeping task has a [`SleepingTask`] in the [`Table`].
 
-#![allow(clippy::disallowed_types, reason = "pacing needs the wall's time")]
+#![allow(clippy::disallowed_types, reason = "pacing needs wall-clock time")]
 
 use std::collections::BTreeMap;
 use std::future::Future;
@@ -190,7 +190,8 @@ impl Drop for Simulated {
     }
 }
 
-/// Thread that waits for wall-clock time, and then wakes the next sleeper, as often as every sleeper sleeps.
+/// Runs the pacer thread. Whenever every sleeper sleeps, the thread waits for wall-clock time, and then wakes the next
+/// sleeper.
 fn pace(clock: &Weak<Simulated>) {
     while let Some(clock) = clock.upgrade() {
         let mut table = clock.table();

@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use isotherm_core::quantity::Moment;
 
-/// Length up to which a gap is not reported. If `max_age` is shorter, `max_age` is used instead.
+/// Longest gap between two clock samples that is not reported. If `max_age` is shorter, `max_age` is used instead.
 const SHORTEST: Duration = Duration::from_secs(1);
 
 /// Detector of gaps between clock samples. It stores the last sample, and the planned time until the next one.

@@ -8,10 +8,10 @@ use serde::{Deserialize, Serialize};
 
 use isotherm_core::quantity::{Moment, Shift, Shifted};
 
-/// Difference between two checks up to which no correction of the computer's clock is reported.
+/// Largest difference between two checks that is not reported as a correction of the computer's clock.
 pub const SMALLEST_CORRECTION: Duration = Duration::from_secs(2);
 
-/// Difference between time of day and counted time in nanoseconds, as of the last check.
+/// Difference between time of day and counted time in nanoseconds, as measured by the last check.
 #[derive(Debug, Default)]
 pub(super) struct ClockDifference(AtomicI64);
 

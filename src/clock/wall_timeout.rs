@@ -1,5 +1,5 @@
-//! Timeout of a protocol, in wall-clock time. It is so under a virtual clock too, because the answer comes through a
-//! real socket.
+//! Timeout of a protocol, in wall-clock time. Under a virtual clock the timeout is in wall-clock time too, because the
+//! answer comes through a real socket.
 //!
 //! A run with a virtual clock has its virtual devices in the same process. If the computer does not run that process
 //! for a while, no device can answer. The timeout would then depend on the load of the computer. Such a run therefore

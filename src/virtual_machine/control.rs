@@ -113,8 +113,8 @@ impl Control {
         self.sequence.and_then(|at| word(bank, at)).is_none_or(|number| number == next)
     }
 
-    /// Advances the handshake to `now`. Returns the values that the control has acknowledged and accepted by that;
-    /// `None` if none.
+    /// Advances the handshake to `now`. Returns the values that the control has now acknowledged and accepted; `None`
+    /// if it has accepted none.
     pub(super) fn advance(
         &mut self,
         bank: &mut Bank,

@@ -43,7 +43,7 @@ struct Fault {
     kind: Kind,
 }
 
-/// How long a fault lasts.
+/// Duration of a fault.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum FaultDuration {
     Replies(u64),
@@ -67,7 +67,7 @@ pub(crate) enum Kind {
     Acknowledge(AcknowledgeFault),
     /// Fault that exists only on a CAN line.
     Can(CanFault),
-    /// The node of a signal does not show its number.
+    /// The OPC UA node of a signal contains a status or a text instead of its number.
     Node { signal: SignalId, fault: NodeFault },
 }
 

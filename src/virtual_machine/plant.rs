@@ -42,7 +42,7 @@ pub struct Plant {
     /// Power of each heat source on the simulated day, W.
     powers: Vec<f64>,
     warm: Temperatures,
-    /// Temperatures at the start of the run, from which the true error counts.
+    /// Temperatures at the start of the run, at which the true error is zero by definition.
     zero: Temperatures,
     sensors: Vec<Sensor>,
     /// Heat flow into each node, W.

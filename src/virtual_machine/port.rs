@@ -1,4 +1,4 @@
-//! Virtual units on a serial port.
+//! Virtual Modbus units on a serial port.
 
 use std::io;
 use std::sync::Arc;

@@ -59,8 +59,8 @@ impl Bank {
         Some(())
     }
 
-    /// Writes an encoded value. For a value that is a part of its registers, the other bits are unchanged. Thus the
-    /// digits of a display do not change its number of decimals.
+    /// Writes an encoded value. For a value that is a part of its registers, the other bits are unchanged. For example,
+    /// a write of the digits of a display does not change its number of decimals.
     pub(super) fn put(&mut self, address: &Address, encoding: &Encoding, words: &[u16]) {
         if !matches!(encoding.data_type, DataType::Bit(_) | DataType::Part(_) | DataType::Decimal24(_)) {
             return self.set(address, words);

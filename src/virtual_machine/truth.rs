@@ -11,7 +11,7 @@ const FIRST_SAMPLE: Duration = Duration::from_secs(60);
 /// True error and applied Cz of one axis at one time, µm.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct AxisTruth {
-    /// Reported error without compensation, µm.
+    /// True error without compensation, µm.
     pub error_um: f64,
     /// Cz that acts in the machine, µm.
     pub cz_um: f64,

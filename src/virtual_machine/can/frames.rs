@@ -129,8 +129,8 @@ impl ReceivedValue {
         &self.field
     }
 
-    /// Returns the address in the frame of the value that is also read back at this object. Returns `None` if no value
-    /// is read back there.
+    /// Returns the address of the received value that a client reads back from this object. Returns `None` if a client
+    /// cannot read the value back from this object.
     pub(crate) fn shown_at(&self, object: &Address) -> Option<Address> {
         self.cells.first().filter(|_| self.cells.get(1) == Some(object)).cloned()
     }

@@ -201,7 +201,7 @@ impl Node {
         services.into_iter().chain(sync).collect()
     }
 
-    /// Returns whether a frame is a request to the node's SDO server.
+    /// Returns whether a frame is a request to the node's SDO server (server for object access).
     pub(crate) fn is_asked_by(&self, frame: &Frame) -> bool {
         let request = self.number.map(|number| CanId::of_11_bits(SDO_REQUEST + u16::from(number)));
         request == Some(frame.id()) && self.state != State::Stopped

@@ -41,7 +41,7 @@ impl Lines {
         }
     }
 
-    /// Returns whether a line of this kind is among them.
+    /// Returns whether `line` is one of these kinds of lines.
     fn include(self, line: Lines) -> bool {
         match self {
             Any => true,
@@ -252,8 +252,8 @@ impl FaultFile {
         reply(ReplyFault::Exception(u8::try_from(code).map_err(|_| "`code` must be at most 255")?))
     }
 
-    /// Returns the delay of the unit, and the exception code of the Modbus gateway that times out before (`None`: it
-    /// does not answer).
+    /// Returns the delay of the unit's answer, and the exception code with which the Modbus gateway answers before, at
+    /// its timeout. `None`: the Modbus gateway does not answer.
     fn given_up(&mut self) -> Result<(Duration, Option<u8>), String> {
         let code =
             self.code.take().map(u8::try_from).transpose().map_err(|_| "`code` must be at most 255")?;

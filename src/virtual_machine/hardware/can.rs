@@ -92,7 +92,7 @@ impl Hardware {
         devices.map(|device| self.unit_of[device.0]).collect()
     }
 
-    /// Returns the matches of the frames that the devices of a line receive.
+    /// Returns the identifiers of the frames that the devices of a line receive.
     pub(crate) fn can_wanted(&self, places: &[usize]) -> Vec<CanMatch> {
         let units = places.iter().filter_map(|place| self.units[*place].can.as_ref());
         let wanted = units.flat_map(|can| {

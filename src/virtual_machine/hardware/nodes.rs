@@ -55,7 +55,7 @@ impl Hardware {
         NodeReply { results, fault }
     }
 
-    /// Samples nodes for a subscription, which is no call.
+    /// Samples nodes for a subscription. A sample does not count as a call.
     pub(in crate::virtual_machine) fn sample_nodes(
         &mut self,
         device: DeviceId,

@@ -1,4 +1,4 @@
-//! Scales that virtual devices have in registers, and values with these scales.
+//! Scale factors that virtual devices store in registers as powers of ten, and values with these factors.
 
 use std::borrow::Cow;
 

@@ -30,7 +30,7 @@ pub(in crate::virtual_machine) struct Endpoint {
     host: String,
     port: u16,
     path: String,
-    /// Name and password.
+    /// Name and password of the user; `None` if no user logs in with a password.
     user: Option<(String, String)>,
 }
 

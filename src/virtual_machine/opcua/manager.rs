@@ -28,7 +28,7 @@ use isotherm_core::codec::Scalar;
 /// Interval at which nodes with a subscription are checked for the time of their next sample.
 const SAMPLED_EVERY: Duration = Duration::from_millis(100);
 
-/// Nodes that are still to be made.
+/// Builder with which the library creates the nodes of a server.
 pub(super) struct NodesBuilder {
     pub(super) line: Arc<NodeLine>,
 }

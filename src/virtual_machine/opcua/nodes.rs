@@ -70,7 +70,8 @@ impl ServerNode {
         size.filter(|size| *size <= MOST_ELEMENTS)
     }
 
-    /// Adds another mention of the node. A mention of the whole node does not fit an element, and is left out.
+    /// Adds another array element of the node that the profile names. Ignores a name of the whole node if other keys
+    /// name its elements.
     fn add(&mut self, part: Node) {
         let rank = |part: &Node| part.element.as_ref().map(|element| element.indices().len());
         let fits = self.parts.first().is_some_and(|first| rank(first) == rank(&part));

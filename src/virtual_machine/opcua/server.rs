@@ -51,15 +51,15 @@ impl NodeServer {
     }
 }
 
-/// Serves one connection, until an end closes it or the device is started again.
+/// Serves one connection, until the client or the library closes it, or the device is started again.
 async fn relay(client: TcpStream, line: Arc<NodeLine>, library: Arc<Mutex<Library>>) -> io::Result<()> {
     let cuts = line.cuts();
     let (server, boots) = library.lock().await.connect(&line).await?;
     pass_on(client, server, &line, (cuts, boots)).await
 }
 
-/// Passes bytes on between a client and the library, until an end closes the connection. `boots` is the number of starts
-/// of the device at the beginning. The connection also ends if the device was started again.
+/// Passes bytes on between a client and the library, until one of the two closes the connection. `boots` is the number
+/// of starts of the device at the beginning. If the device is started again, the connection ends too.
 pub(super) async fn pass_on<S: AsyncRead + AsyncWrite>(
     client: S,
     server: S,

@@ -100,7 +100,8 @@ impl Structure {
     }
 }
 
-/// Returns a quantity at these amplitudes. `each` has its values per amplitude 1 of each mode.
+/// Returns the sum of a quantity over all modes with these amplitudes. `each` contains the value of the quantity per
+/// amplitude 1 of each mode.
 pub(super) fn dot(each: &[f64], modes: &[f64]) -> f64 {
     each.iter().zip(modes).map(|(each, mode)| each * mode).sum()
 }

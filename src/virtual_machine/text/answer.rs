@@ -10,14 +10,14 @@ use crate::virtual_machine::hardware::Reply;
 use crate::virtual_machine::random::stream;
 use isotherm_core::codec::{with_sum, with_unit};
 
-/// Millimetres of an inch.
+/// Millimetres per inch.
 const INCH: f64 = 25.4;
 /// Pause between two bytes, for the fault in which text is sent byte by byte.
 const DRIBBLE: Duration = Duration::from_millis(1);
 /// Bytes before the values of an answer: function and count.
 const HEADER: usize = 2;
 
-/// Answer of the registers of a device.
+/// Answer of a device: the values in its registers, and the fault of the answer.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct TextAnswer {
     pub(super) content: Content,
@@ -47,14 +47,14 @@ pub(super) struct SentText {
 /// Sender of texts on one connection.
 #[derive(Debug, Default)]
 pub(super) struct Sender {
-    /// Text that was sent last without its faults.
+    /// Correct text of the last answer, before faults changed it.
     before: Vec<u8>,
     sent: u64,
     is_mute: bool,
 }
 
 impl TextAnswer {
-    /// Adds the answer to a read of registers.
+    /// Adds the result of one read of registers to this answer.
     pub(super) fn add(&mut self, reply: Reply) {
         self.fault = self.fault.or(reply.fault);
         let Some(pdu) = reply.pdu else { return self.content = Content::Nothing };
@@ -139,7 +139,7 @@ fn refusal(group: &TextGroup, code: u8) -> String {
     if group.is_dcon() { format!("?{:02X}", group.unit) } else { format!("ERR{code}") }
 }
 
-/// Returns the line with another last character, which is a digit of its checksum if it has one.
+/// Returns the line with a wrong last character. In a line with a checksum, this is a digit of the checksum.
 fn with_wrong_end(line: &str) -> String {
     let mut characters: Vec<char> = line.chars().collect();
     if let Some(last) = characters.last_mut() {

@@ -15,7 +15,7 @@ pub(in crate::virtual_machine) struct TextGroup {
     pub(super) bus: BusId,
     pub(super) device: DeviceId,
     pub(super) unit: u8,
-    /// Empty if the device sends without a request.
+    /// Request that the device answers; empty if the device sends without a request.
     pub(super) request: String,
     pub(super) patterns: Vec<TextPattern>,
     /// First register of the first value.

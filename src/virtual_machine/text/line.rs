@@ -14,7 +14,7 @@ use isotherm_profile::{DeviceId, Profile, Serial};
 
 /// Largest number of values in one read of registers.
 const MOST_VALUES: usize = 30;
-/// Read of input registers.
+/// Modbus function code that reads input registers.
 const READ: u8 = 4;
 /// Limits of the interval at which a device sends without a request.
 const SHORTEST_INTERVAL: Duration = Duration::from_millis(20);
@@ -22,7 +22,8 @@ const LONGEST_INTERVAL: Duration = Duration::from_secs(1);
 /// Longest request that a device recognises.
 const LONGEST_REQUEST: usize = 128;
 
-/// Function that reads registers of a device now: protocol data unit to answer.
+/// Function that executes a Modbus read on a device now. Its second argument is the protocol data unit (request without
+/// its frame).
 pub(in crate::virtual_machine) type Ask = Arc<dyn Fn(DeviceId, &[u8]) -> Reply + Send + Sync>;
 
 /// One line with its devices.
@@ -44,7 +45,8 @@ impl TextLine {
         TextLine { groups: groups.iter().filter(is_on_line).cloned().collect(), ask }
     }
 
-    /// Interval at which devices send without a request. `None` if each waits for a request.
+    /// Returns the interval at which the devices send without a request. Returns `None` if every device waits for a
+    /// request.
     fn interval(&self) -> Option<Duration> {
         let by_themselves = self.groups.iter().filter(|group| group.request.is_empty());
         let shortest = by_themselves.map(|group| group.every / 2).min()?;

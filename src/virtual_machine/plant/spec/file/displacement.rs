@@ -118,7 +118,7 @@ impl<'a> Displacements<'a> {
         self.axis(axis).stretches.push(Stretch { position, ..stretch });
     }
 
-    /// Sets that the axis follows the structure's guideway in this direction.
+    /// Records that the axis follows the displacement of the structure's guideway in this direction.
     pub(super) fn guided(&mut self, axis: &str, direction: usize) {
         self.axis(axis).guided = Some(direction);
     }
