@@ -162,7 +162,7 @@ enum Verb {
     /// Stop the running gateway from writing; the registers keep their values
     #[command(after_help = "Example:\n  isotherm disarm my-machine.toml --axis z")]
     Disarm(command::Arguments),
-    /// Capture the "zero" references in the running gateway
+    /// Take the present signal values as the "zero" references of the models in the running gateway
     #[command(after_help = "Example:\n  isotherm zero my-machine.toml")]
     Zero(command::Arguments),
     /// Check with a dial gauge, step by step, that an axis moves in the right direction

@@ -279,7 +279,7 @@ impl Sleeper {
 }
 
 impl Wakeup {
-    /// Wakes the sleeper. If it is awake, its next sleep ends at once.
+    /// Wakes the sleeper. If the sleeper is awake, its next sleep ends at once.
     pub fn wake(&self) {
         match &self.0 {
             WakeupOf::Wall(notify) => notify.notify_one(),

@@ -21,7 +21,7 @@ use isotherm_profile::{Axis, Profile};
 ///
 /// The model must be better than the model in use, over the last judged days. `isotherm status` and the page show both
 /// errors. If Cz cannot be kept at present, the adoption waits for the next datum (zero point of Cz). The models of the
-/// profile remain as fallbacks. If they are changed in the profile, the learned model is not used any more.
+/// profile remain as fallbacks. If these models are changed in the profile, the learned model is not used any more.
 #[derive(clap::Args, Debug)]
 #[command(
     after_help = "Examples:\n  isotherm adopt my-machine.toml --axis z\n  isotherm adopt my-machine.toml --axis z --back\n  isotherm adopt my-machine.toml --axis z --export z-model.toml"

@@ -40,9 +40,9 @@ pub(super) struct Arguments {
     /// to the servers of [[notify]], and sends them no message
     #[arg(long)]
     online: bool,
-    /// The state directory with which the gateway is started. The check compares the templates with those of the last
-    /// run, and names adopted learned models. With --online it also compares the registers of outputs and the addresses
-    /// of signals
+    /// The state directory with which the gateway is started. The check reports templates that have changed since the
+    /// last run, and names adopted learned models. With --online it also compares the registers of outputs and the
+    /// addresses of signals
     #[arg(long, value_name = "DIR")]
     state: Option<PathBuf>,
     /// Prints one JSON document

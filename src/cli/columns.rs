@@ -4,7 +4,7 @@ use std::io::{self, Write};
 
 use isotherm_identify::dataset::{Column, Dataset, UnusedColumn};
 
-/// Columns of the logs, by their use.
+/// Columns of the logs: used ones, and unused ones with the reason.
 #[derive(Debug, serde::Serialize)]
 pub(super) struct ColumnTable {
     used: Vec<String>,

@@ -59,8 +59,8 @@ pub(super) struct Arguments {
     /// use
     #[arg(long, value_name = "ADDR")]
     listen: Option<String>,
-    /// Simulates ten days instead, without a web page. The machine is probed once an hour, a model is learned each
-    /// night, and a better one is adopted. The model at the start is that of another machine
+    /// Simulates ten days instead, without a web page. A probe measures the error once an hour. Each night a model is
+    /// learned; a better one is adopted. The model at the start belongs to another machine
     #[cfg(feature = "identify")]
     #[arg(long, conflicts_with_all = ["set", "speed", "span", "listen", "stay"])]
     learn: bool,
@@ -96,7 +96,7 @@ impl Arguments {
     }
 }
 
-/// Runs the demo of learning.
+/// Runs the demo of `--learn`: ten days in which a model is learned.
 #[cfg(feature = "identify")]
 fn run_learning(arguments: &Arguments) -> anyhow::Result<()> {
     let days = learn::run(&arguments.machine, arguments.seed, arguments.json)?;

@@ -26,7 +26,7 @@ pub(super) struct Shares {
 }
 
 impl Shares {
-    /// Returns the limits for this process, if it has this number of lines.
+    /// Returns the limits for this process. `lines` is the number of bus lines of the gateway.
     pub(super) fn now(lines: usize) -> Shares {
         Shares::of(getrlimit(Resource::Nofile).current, lines)
     }

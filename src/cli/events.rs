@@ -77,8 +77,8 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// Returns the name of the only machine with events in this directory. Returns an error if it has events of none or of
-/// several machines.
+/// Returns the name of the only machine with events in this directory. Returns an error if the directory contains
+/// events of no machine or of several machines.
 fn only_machine(directory: &Path) -> anyhow::Result<String> {
     let shown = directory.display();
     let machines = file::machines(directory).map_err(|error| {

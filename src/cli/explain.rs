@@ -26,7 +26,7 @@ enum LogsVerb {
 #[derive(clap::Args, Debug)]
 #[command(after_help = "Example:\n  isotherm logs explain monday.csv --zone Europe/Berlin")]
 struct ExplainArguments {
-    /// Log
+    /// The log file
     #[arg(value_name = "LOG")]
     file: PathBuf,
     #[command(flatten)]

@@ -7,7 +7,8 @@ use std::collections::BTreeSet;
 pub(super) struct Hints(BTreeSet<String>);
 
 impl Hints {
-    /// Returns the line of a hint, with these blanks before it. Empty if there is no hint, or if it was printed already.
+    /// Returns the line of a hint with an indentation of `indent` blanks. Returns an empty text if there is no hint, or
+    /// if this hint was printed already.
     pub(super) fn line(&mut self, indent: usize, hint: Option<&str>) -> String {
         match hint.filter(|hint| !hint.is_empty() && self.0.insert((*hint).to_owned())) {
             Some(hint) => format!("{:indent$}to do: {hint}\n", ""),

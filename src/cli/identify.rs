@@ -52,7 +52,7 @@ pub(super) struct Arguments {
     /// Overrides one key, may be repeated: `--set bus.cell.address=10.0.0.7:502`
     #[arg(long, value_name = "KEY=VALUE", value_parser = super::values::key_and_value)]
     set: Vec<(String, String)>,
-    /// Logs
+    /// Log files, or directories that contain log files
     #[arg(value_name = "LOG", required_unless_present = "balls")]
     logs: Vec<PathBuf>,
     #[command(flatten)]

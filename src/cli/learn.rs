@@ -35,7 +35,7 @@ const TOGETHER: usize = 3;
 /// Remark if the logs that the command line names give nothing new.
 const NOTHING_NEW: &str = "the named logs have no new run. Their runs are known, older than the last run that was \
                            learned from, or without a measured error";
-/// Largest size of a stored file, in bytes.
+/// Largest size of a file of learned data, in bytes.
 const LARGEST: u64 = 16 * 1024 * 1024;
 
 /// Learns the model of each axis with a probe from its touches, run by run. A touch is the result of one probing.
@@ -66,7 +66,7 @@ pub(super) struct Arguments {
     /// The axis [default: every axis with a probe]
     #[arg(long, value_name = "NAME")]
     axis: Option<String>,
-    /// Signals that the candidate must not use. They must be the same for all runs
+    /// Signals that the candidate must not use. Use the same list for all runs
     #[arg(long, value_name = "SIGNAL", value_delimiter = ',')]
     without: Vec<String>,
     /// The state directory with which the gateway was started
@@ -355,8 +355,8 @@ fn stored(place: &Path, axis: &str) -> anyhow::Result<(Learning, Vec<String>, Ve
     Ok((learning, known, remarks))
 }
 
-/// Stores the new runs and the learning record. The record is written last: after a power cut, the runs that it does not
-/// know are found by their names.
+/// Stores the new runs and the learning record. The record is written last: after a power cut, the runs that are
+/// missing in the record are found by their file names.
 fn store(place: &Path, axis: &str, learning: &Learning, known: &[String]) -> anyhow::Result<()> {
     let shown = |path: &Path| format!("{} cannot be written", path.display());
     let new = learning.new_files(known).map_err(anyhow::Error::msg)?;

@@ -13,13 +13,13 @@ pub(super) struct LogFormat {
     /// without daylight saving time [default: this computer's]
     #[arg(long, value_name = "ZONE", value_parser = zone)]
     zone: Option<TimeZone>,
-    /// Decimal mark of the numbers in CSV logs [default: the one that the numbers show]
+    /// Decimal mark of the numbers in CSV logs [default: detected from the numbers]
     #[arg(long, value_name = "MARK", value_parser = marks())]
     pub(super) decimal: Option<DecimalMark>,
-    /// Order of day and month in dates such as 01/05/2026 [default: the one that the dates show]
+    /// Order of day and month in dates such as 01/05/2026 [default: detected from the dates]
     #[arg(long, value_name = "ORDER", value_parser = orders())]
     pub(super) dates: Option<DateOrder>,
-    /// Unit of times that are numbers [default: the one in the name of the column, else seconds]
+    /// Unit of times that are numbers [default: the unit in the name of the column, else seconds]
     #[arg(long, value_name = "UNIT", value_parser = time_units())]
     pub(super) time_unit: Option<TimeUnit>,
 }

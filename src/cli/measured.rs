@@ -21,7 +21,7 @@ use isotherm_core::quantity::Moment;
 pub(super) struct Arguments {
     #[command(flatten)]
     profile: ProfileArguments,
-    /// The axis
+    /// The axis whose error was measured
     #[arg(long, value_name = "AXIS")]
     axis: String,
     /// The measured error in µm; for an axis that acts on a diameter, the error of the diameter

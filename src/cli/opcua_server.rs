@@ -27,7 +27,8 @@ pub(super) fn serve(
     Serving::start((profile.name.as_str(), settings), files, source, place).map(Some)
 }
 
-/// Converts the files of the server. `application` is its application URI if it has no certificate.
+/// Reads the certificates and the secrets of the users from the files that the profile names. `application` is the
+/// application URI of a server without a certificate.
 fn files(settings: &OpcUaServer, application: &str) -> ServerFiles {
     // Errors in these files have been reported already.
     let read = opcua_check::server_files(settings).unwrap_or_default();

@@ -66,7 +66,7 @@ use whole_file::WholeFile;
 pub(super) struct Arguments {
     #[command(flatten)]
     profile: ProfileArguments,
-    /// Log
+    /// The log file
     #[arg(value_name = "LOG.csv")]
     recording: PathBuf,
     #[command(flatten)]

@@ -37,7 +37,7 @@ pub(super) struct Arguments {
     /// The logs; each run is reported separately
     #[arg(value_name = "LOG", required = true)]
     logs: Vec<PathBuf>,
-    /// Test of the standard that the logs represent [default: the one that their columns indicate]
+    /// Test of the standard that the logs represent [default: detected from their columns]
     #[arg(long, value_parser = tests())]
     test: Option<Test>,
     /// The columns of displacements, µm [default: every column whose name ends with _um]

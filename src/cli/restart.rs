@@ -21,9 +21,9 @@ const LOOK_EVERY: Duration = Duration::from_millis(100);
 /// of the same check in this process, if that is longer.
 const SHORTEST: Duration = Duration::from_secs(10);
 
-/// Replaces the gateway that runs this profile on this computer. The new program is the one that is now at the path of
-/// the running one. It gets the same arguments and the current profile. No register changes: an armed axis resumes from
-/// the register value, and an axis that is off stays off.
+/// Replaces the gateway that runs this profile on this computer. The new program is the file that is now at the path of
+/// the running program. It gets the same arguments and the current profile. No register changes: an armed axis resumes
+/// from the register value, and an axis that is off stays off.
 ///
 /// This verb first checks the profile. If the profile is wrong (exit code 64), the running gateway continues.
 #[derive(clap::Args, Debug)]

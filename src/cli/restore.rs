@@ -49,7 +49,7 @@ pub(super) struct Arguments {
     state: Option<PathBuf>,
 }
 
-/// File that is to be written.
+/// File of the backup that is to be written, with its destination.
 struct Planned {
     path: PathBuf,
     mode: u32,

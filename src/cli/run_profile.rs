@@ -1,6 +1,6 @@
-//! Profile that a gateway runs. It is read from disk, and its source files are also stored in memory. If this program
-//! has replaced another one in the same process, that program hands the source files over. This program has already
-//! checked them.
+//! Profile that a gateway runs. Its source files are read from disk and also stored in memory. If this program has
+//! replaced another program in the same process, the previous program hands the source files over. This program has
+//! already checked these files before it replaced the previous program.
 
 use std::fs::File;
 use std::path::Path;
@@ -17,7 +17,7 @@ use isotherm_profile::{Errors, Loaded, Sources, environment};
 /// Interval at which the source files are compared with those on disk.
 const COMPARED_EVERY: Duration = Duration::from_secs(5);
 
-/// Profile with its source files.
+/// Profile that the gateway runs, with the contents of its source files.
 pub(super) struct RunProfile {
     pub(super) loaded: Loaded,
     /// Source files in sealed memory, which the kernel protects against changes; `None` if the system has no such

@@ -1,5 +1,6 @@
-//! Selection of a gateway on this computer. It is the gateway with the state directory that is named by option, by the
-//! profile, or by the platform. If none runs there, it is the only running gateway of this machine.
+//! Selection of a running gateway on this computer. The state directory selects the gateway: named by an option, by the
+//! profile, or by the platform. If no gateway runs with this directory, the only running gateway of the machine is
+//! selected.
 
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};

@@ -1,4 +1,4 @@
-//! Runtime for the verbs that connect to devices.
+//! Asynchronous runtime (tokio) for the verbs that connect to devices.
 
 /// Creates a runtime on the current thread, with timers and sockets.
 pub(super) fn start() -> std::io::Result<tokio::runtime::Runtime> {

@@ -29,7 +29,7 @@ mod text;
     after_help = "Examples:\n  isotherm select mon.csv tue.csv wed.csv --error z_error_um\n  isotherm select week.csv --gap 2h --error z_error_um --report points.html"
 )]
 pub(super) struct Arguments {
-    /// The logs
+    /// The log files
     #[arg(value_name = "LOG", required = true)]
     logs: Vec<PathBuf>,
     /// The column with the measured error e, µm
@@ -73,7 +73,7 @@ pub(super) struct Arguments {
     json: bool,
 }
 
-/// JSON document of the verb.
+/// JSON document that `isotherm select --json` prints.
 #[derive(serde::Serialize)]
 struct Document<'a> {
     #[serde(flatten)]

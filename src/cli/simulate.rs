@@ -31,7 +31,7 @@ use isotherm_profile::{Bus, Device, FileKind, Profile, Security, safe_file};
 pub(super) struct Arguments {
     #[command(flatten)]
     profile: ProfileArguments,
-    /// Script of faults with their times
+    /// TOML file with faults of the devices and the times of these faults
     #[arg(long, value_name = "FILE")]
     faults: Option<PathBuf>,
     /// Seed of the simulated day: duty cycle, ambient temperature and noise depend on it

@@ -32,7 +32,7 @@ pub(super) struct Target {
     pub(super) timeout: Option<Duration>,
 }
 
-/// Line that the options name.
+/// Bus line that the options name.
 pub(super) struct Line {
     pub(super) address: LineAddress,
     pub(super) bus: Bus,

@@ -29,7 +29,7 @@ pub(super) struct Arguments {
     /// Duration of the trace, at most 24h
     #[arg(long = "for", value_name = "SPAN", default_value = "60s", value_parser = span)]
     span: Duration,
-    /// Writes to a new file instead of stdout
+    /// Writes the trace to a new file instead of stdout
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
     #[command(flatten)]

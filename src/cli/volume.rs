@@ -2,8 +2,8 @@
 
 use std::path::Path;
 
-/// Returns a description of the storage that contains this directory, if it is lost when the container is removed.
-/// Returns `None` if it is kept, as far as the kernel's mounts show.
+/// Returns a description of the storage that contains this directory, if this storage is lost when the container is
+/// removed. Returns `None` if the storage is kept, as far as the kernel's mounts show.
 pub(super) fn volatile_mount(directory: &Path) -> Option<&'static str> {
     let mounts = std::fs::read_to_string("/proc/self/mountinfo").ok()?;
     lost_with(&mounts, &directory.canonicalize().ok()?)

@@ -248,7 +248,7 @@ impl Wakeup {
     }
 }
 
-/// Future of one sleep. If it is dropped early, the sleeper counts as awake.
+/// Future of one sleep. If the future is dropped before the sleep ends, the sleeper counts as awake.
 pub(super) struct SimulatedSleep<'a> {
     membership: &'a mut Membership,
     deadline: Moment,

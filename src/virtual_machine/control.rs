@@ -63,13 +63,15 @@ impl Control {
         control
     }
 
-    /// Returns the registers and bits of the output set itself, without those of its outputs.
+    /// Returns the registers and bits of the output set itself (for example sequence number and handshake), without
+    /// those of its outputs.
     pub(super) fn own(set: &OutputSet) -> impl Iterator<Item = Register> {
         let flags = bits(set).into_iter().flatten().filter_map(|bit| bit.flag());
         set.own_registers().chain(flags.map(|flag| flag.address))
     }
 
-    /// Returns the nodes of the output set itself, without those of its outputs.
+    /// Returns the OPC UA nodes of the output set itself (for example sequence number and handshake), without those of
+    /// its outputs.
     pub(super) fn own_nodes(set: &OutputSet) -> impl Iterator<Item = Node> {
         let bits = bits(set).into_iter().flatten().filter_map(|bit| match bit {
             Bit::Node(node) => Some(node),

@@ -43,7 +43,7 @@ struct Fault {
     kind: Kind,
 }
 
-/// Duration of a fault.
+/// End of a fault: after a number of faulty replies, after a time, or never.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum FaultDuration {
     Replies(u64),
@@ -63,7 +63,7 @@ pub(crate) enum Kind {
     Register { address: Register, words: Vec<u16> },
     /// The device restarts, and loses everything that was written to it.
     Restart,
-    /// The device acknowledges a handshake wrongly.
+    /// The control acknowledges a handshake in a wrong way.
     Acknowledge(AcknowledgeFault),
     /// Fault that exists only on a CAN line.
     Can(CanFault),
@@ -98,7 +98,7 @@ pub(crate) enum Reads {
     Value(f64),
 }
 
-/// Fault of an answer.
+/// Fault of an answer: how it differs from the correct answer, or what is sent instead.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum ReplyFault {
     Silent,

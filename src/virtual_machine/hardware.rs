@@ -52,7 +52,7 @@ pub(super) struct Hardware {
     cycles: Vec<Cycle>,
     pub(super) faults: Faults,
     pub(super) observer: Observer,
-    /// All requests in order; `None` if they are not recorded.
+    /// All requests in order; `None` if requests are not recorded.
     pub(super) journal: Option<Vec<SeenRequest>>,
 }
 
@@ -153,9 +153,9 @@ impl Hardware {
         self.elsewhere[axis.0] = Some(cz_um);
     }
 
-    /// Returns the Cz that acts in the machine, µm. This is the value that the control has accepted for the axis's Cz
-    /// output, or else the Cz in the position that was written for it. A diameter value is halved. An offset of an
-    /// external control replaces both.
+    /// Returns the Cz that acts in the machine, µm. This is the value that the control has accepted for the Cz output
+    /// of the axis. Without such an output, it is the Cz in the written position of the axis. A diameter value is
+    /// halved. An offset of an external control replaces both.
     pub(super) fn applied_um(&self, axis: AxisId) -> f64 {
         if let Some(cz_um) = self.elsewhere[axis.0] {
             return cz_um;

@@ -13,8 +13,8 @@ pub struct SeenRequest {
     pub device: DeviceId,
     /// Modbus function code; 0 for a write on a CAN line or to a node.
     pub function: u8,
-    /// First register or bit that the request addresses; on a CAN line, the object or the field of a frame;
-    /// of an OPC UA server, the node.
+    /// First register or bit that the request addresses. On a CAN line, this is the object or the field of a frame. For
+    /// an OPC UA server, this is the node.
     pub address: Address,
     /// Number of cells (registers or bits) that the request addresses.
     pub count: u16,

@@ -13,7 +13,7 @@ pub(super) type Switch = (bool, oneshot::Sender<()>);
 /// Number of connections that may wait until they are accepted.
 const BACKLOG: u32 = 1024;
 
-/// TCP port of a line.
+/// TCP port at which the devices of a line listen: open, or closed by a fault.
 pub(super) enum TcpPort {
     Open(TcpListener),
     /// Bound socket that does not listen. It refuses connections, and keeps the port reserved.

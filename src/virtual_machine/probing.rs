@@ -14,7 +14,7 @@ const FLAG: Duration = Duration::from_secs(30);
 /// Largest value of a trigger counter. It fits every data type of a signal. The next value is one.
 const MOST: u32 = 30_000;
 
-/// Probing cycle of one axis.
+/// Probing cycle of one axis: its interval, its signals and its last result.
 #[derive(Debug)]
 pub(super) struct Cycle {
     pub(super) axis: usize,

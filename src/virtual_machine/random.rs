@@ -1,4 +1,4 @@
-//! Random number generators that a seed determines.
+//! Random number generators with a seed, so that runs can be repeated.
 
 use rand::SeedableRng;
 use rand_pcg::Pcg32;

@@ -23,7 +23,7 @@ use crate::clock::{BootClock, Clock};
 use isotherm_core::codec::{AsciiFrames, ascii_frame};
 use isotherm_profile::{DeviceId, Serial};
 
-/// State that all connections share.
+/// Hardware and clock of the virtual machine, which all connections share.
 #[derive(Clone, Debug)]
 pub(super) struct Shared {
     hardware: Arc<Mutex<Hardware>>,
@@ -334,7 +334,7 @@ impl Responder {
     }
 }
 
-/// Returns the same bytes with one byte changed.
+/// Returns the bytes with the byte at position `at` changed.
 fn changed(pdu: &[u8], at: usize, change: impl Fn(u8) -> u8) -> Vec<u8> {
     let mut bytes = pdu.to_vec();
     if let Some(byte) = bytes.get_mut(at) {

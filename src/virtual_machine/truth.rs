@@ -4,8 +4,8 @@ use std::time::Duration;
 
 use isotherm_core::quantity::Moment;
 
-/// Time from the start of the run to the first sample. The minute before it is left out, because the gateway is still
-/// being set up.
+/// Time from the start of the run to the first sample. The first minute of the run is left out, because the gateway is
+/// still being set up.
 const FIRST_SAMPLE: Duration = Duration::from_secs(60);
 
 /// True error and applied Cz of one axis at one time, µm.
@@ -48,7 +48,7 @@ pub struct AxisSummary {
     pub compensated: Extent,
 }
 
-/// Summary of a run.
+/// Summary of a run: the errors of each axis.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Summary {
     /// Summary of each axis whose true error is known; empty without a plant.

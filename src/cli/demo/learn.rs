@@ -34,7 +34,7 @@ use isotherm_profile::{Profile, Signal};
 
 /// Number of simulated days.
 const DAYS: u32 = 10;
-/// Duration of the shift on each day.
+/// Duration of the simulated work shift on each day.
 const SHIFT: Duration = Duration::from_hours(8);
 const A_DAY: Duration = Duration::from_hours(24);
 /// Time from the beginning of each day until the machine is switched on.

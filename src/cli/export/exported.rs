@@ -19,7 +19,7 @@ use super::table::{HELD, Kind, field, properties};
 use isotherm_core::border::beyond;
 use isotherm_profile::safe_file;
 
-/// Ending of the name of an exported file.
+/// File extension of an exported file.
 const ENDING: &str = ".parquet";
 
 /// Returns the exported days of a machine in a directory, with the paths of their files.

@@ -33,7 +33,7 @@ enum Cells {
     Texts(Vec<ByteArray>, Vec<i16>),
 }
 
-/// Table while it is being written.
+/// Table that is being written to a Parquet file.
 pub(super) struct Table<'f> {
     writer: SerializedFileWriter<&'f mut File>,
     columns: Vec<Cells>,
@@ -122,7 +122,7 @@ impl Cells {
     }
 }
 
-/// Returns the properties of every exported file.
+/// Returns the Parquet properties of every exported file: compression, and isotherm as its creator.
 pub(super) fn properties() -> WriterPropertiesBuilder {
     let packed = Compression::ZSTD(ZstdLevel::default());
     let by = concat!("isotherm ", env!("CARGO_PKG_VERSION")).to_owned();

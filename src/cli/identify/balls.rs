@@ -20,7 +20,7 @@ pub(super) struct Touches {
     /// --recorded
     #[arg(long, value_name = "DRIFT.csv", requires = "balls")]
     out: Option<PathBuf>,
-    /// With --balls: the log of the temperatures that was recorded at the same time
+    /// With --balls: the log of the temperatures during the measurements
     #[arg(long, value_name = "LOG", requires = "balls")]
     recorded: Option<PathBuf>,
     /// With --balls: position along the array for which the drift of the origin is calculated, mm [default: the first
@@ -46,13 +46,13 @@ pub(super) fn run(arguments: &Touches, json: bool) -> anyhow::Result<()> {
         return print_json(&found);
     }
     tell(&found)?;
-    say!("the terms and errors (e = −d) are in {}", out.display())?;
+    say!("the drifts, tilts and errors (e = −d) are in the log {}", out.display())?;
     Ok(())
 }
 
 fn tell(found: &Terms) -> std::io::Result<()> {
     say!(
-        "balls along {}, {}; movement of the coordinates since the first round, with the origin at {} mm",
+        "array of balls along {}, {}; drift of the measured coordinates since the first round, with the origin at {} mm",
         found.array,
         counted(found.rounds.len(), "round"),
         found.origin_mm

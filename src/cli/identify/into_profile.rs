@@ -37,7 +37,8 @@ pub(super) struct IntoProfileArguments {
 
 /// Edit of a profile that waits for the confirmation of the user.
 pub(super) struct IntoProfile {
-    /// The profile, as the user named it. Its files are next to this path, also if it is a link.
+    /// Path of the profile as the user wrote it. The files of the model are in the directory of this path, even if the
+    /// path is a symbolic link.
     path: PathBuf,
     text: String,
     before: String,
@@ -46,7 +47,8 @@ pub(super) struct IntoProfile {
     replaced: usize,
 }
 
-/// Returns the text of the profile, if it is a file. The check is made before the long identification.
+/// Returns the text of the profile. A shipped profile inside the program is an error, because only a file can be
+/// edited. The check is made before the long identification.
 pub(super) fn text_of(path: &Path) -> anyhow::Result<String> {
     if shipped(path).is_some() {
         return Err(wrong_arguments(format!(
@@ -202,7 +204,8 @@ fn with_new_files(found: &Identified, path: &Path, outside: Outside) -> anyhow::
 }
 
 /// Writes a complete file, and replaces an existing one at once. The file has the permissions and the owner of the
-/// profile, if this user may set them. It may contain the same passwords, and the same gateway reads it.
+/// profile, if this user may set them. The new file may contain the same passwords, and the gateway must be able to
+/// read the file.
 fn put(path: &Path, text: &str, profile: &Metadata) -> std::io::Result<()> {
     const PERMISSIONS: u32 = 0o777;
     let new = path.with_added_extension("new");

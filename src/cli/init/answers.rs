@@ -1,4 +1,4 @@
-//! Answers to the questions, and their checks.
+//! Answers to the questions of `isotherm init`, and their checks.
 
 use std::net::Ipv4Addr;
 
@@ -17,7 +17,7 @@ pub(super) struct Answers {
     pub(super) machine: String,
     pub(super) line: Line,
     pub(super) module: Module,
-    /// Unit of the module; `None` if it is an OPC UA server.
+    /// Modbus unit of the module; `None` if the module is an OPC UA server.
     pub(super) unit: Option<u8>,
     pub(super) signals: Vec<String>,
     pub(super) axis: String,
@@ -27,7 +27,7 @@ pub(super) struct Answers {
     pub(super) target: Target,
     /// Bus line of the control; `None` if module and control are on the same line.
     pub(super) control: Option<Line>,
-    /// Unit of the control; `None` if it is an OPC UA server.
+    /// Modbus unit of the control; `None` if the control is an OPC UA server.
     pub(super) control_unit: Option<u8>,
     pub(super) machine_on: MachineOn,
 }
@@ -143,7 +143,7 @@ pub(super) enum Module {
     Nodes(Vec<TemperatureNode>, f64),
 }
 
-/// Node with a temperature.
+/// OPC UA node that contains a temperature.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) struct TemperatureNode {
     pub(super) node: NodeId,

@@ -15,7 +15,7 @@ use isotherm_profile::{Bits, Cell, duration_text};
 
 mod nodes;
 
-/// Most temperatures of a module without a template.
+/// Maximum number of temperatures of a module without a template.
 const MOST_SIGNALS: usize = 32;
 
 /// Asks all questions that no option answers. `known` are the templates, and `find` tries the settings of a serial port.
@@ -383,8 +383,8 @@ impl Asking<'_, '_> {
         )
     }
 
-    /// Asks for the line and the unit of the control. The line is `None` if it is that of the module, which must have
-    /// registers.
+    /// Asks for the line and the unit of the control. The line is `None` if the control is on the line of the module.
+    /// The module must then have registers.
     fn control(
         &mut self,
         module: &Line,

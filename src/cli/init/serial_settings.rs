@@ -8,7 +8,7 @@ use crate::discovery::{Register, Table};
 use crate::fieldbus::explain::explain_on;
 use isotherm_profile::Quirks;
 
-/// Settings that are tried, the most frequent first.
+/// Baud rates and parities that are tried, the most frequent first.
 const BAUDS: [u32; 5] = [9600, 19_200, 38_400, 57_600, 115_200];
 const PARITIES: [Parity; 3] = [Parity::None, Parity::Even, Parity::Odd];
 /// Registers that are read. Some units answer only for a register that they have.
@@ -16,7 +16,7 @@ const REGISTERS: [Register; 2] =
     [Register { table: Table::Holding, offset: 0 }, Register { table: Table::Input, offset: 0 }];
 const TIMEOUT: Duration = Duration::from_millis(300);
 
-/// Frames of Modbus on a serial port.
+/// Frame format of Modbus on a serial port: RTU or ASCII.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Frames {
     Rtu,
@@ -26,7 +26,7 @@ pub(super) enum Frames {
     },
 }
 
-/// Settings of a serial line.
+/// Settings of a serial line: baud rate, parity and frame format.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct SerialSettings {
     pub(super) baud: u32,
@@ -42,8 +42,8 @@ impl SerialSettings {
     pub(super) const ASCII: SerialSettings =
         SerialSettings { baud: BAUDS[0], parity: Parity::Even, frames: Frames::Ascii { data_bits: 7 } };
 
-    /// Returns settings to try for frames of this kind. A character of Modbus ASCII with seven data bits has a parity
-    /// bit, and one with eight has none.
+    /// Returns settings with this baud rate and parity, and with the frame format of `self`. A character of Modbus
+    /// ASCII with seven data bits has a parity bit, and one with eight has none.
     fn tried(self, baud: u32, parity: Parity) -> SerialSettings {
         let frames = match self.frames {
             Frames::Rtu => Frames::Rtu,

@@ -1,4 +1,4 @@
-//! Text of the first profile.
+//! Text of the profile that `isotherm init` writes.
 
 use std::fmt::{Display, Write};
 
@@ -206,7 +206,7 @@ fn unit(text: &mut String, unit: Option<u8>) -> std::fmt::Result {
         Some(unit) => writeln!(text, "unit  = {unit}"),
         None => writeln!(
             text,
-            "# source_time = \"changed\"            # if the server stamps changes, so that constant values look old"
+            "# source_time = \"changed\"            # if the server updates time stamps only when values change"
         ),
     }
 }

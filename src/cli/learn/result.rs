@@ -6,11 +6,11 @@ use isotherm_core::candidate::Gain;
 use isotherm_core::quantity::Moment;
 use isotherm_identify::learning::TakenRun;
 
-/// Result for one axis.
+/// Result of learning for one axis.
 #[derive(Debug, Serialize)]
 pub(super) struct AxisResult {
     pub(super) axis: String,
-    /// Runs of the logs that were new.
+    /// Runs in the logs that were not learned from before.
     pub(super) new: Vec<TakenRun>,
     /// Number of runs from which the candidate was learned.
     pub(super) runs: usize,
@@ -27,7 +27,7 @@ pub(super) struct AxisResult {
     pub(super) block: Option<String>,
 }
 
-/// Residual errors of both models, as root mean squares in µm.
+/// Residual errors with the model in use and with the candidate, as root mean squares in µm.
 #[derive(Clone, Copy, Debug, Serialize)]
 pub(super) struct GainShown {
     /// Start of the first compared day, in nanoseconds since the Unix epoch.

@@ -16,7 +16,7 @@ pub(super) fn render(result: &AxisResult) -> std::io::Result<()> {
     }
     let Some(gain) = result.gain else {
         return say!(
-            "  not judged: a candidate is judged by the touches of a day that it was not learned from"
+            "  not judged yet: this needs touches of a day from which the candidate was not learned"
         );
     };
     let basis = format!("{}, touches: {}", counted(gain.days, "day"), gain.touches);
@@ -35,7 +35,7 @@ pub(super) fn render(result: &AxisResult) -> std::io::Result<()> {
     }
 }
 
-/// Returns what was done with a run.
+/// Returns a text about a run: why it was not used, or its number of touches and the residual errors with both models.
 fn sentence(run: &TakenRun) -> String {
     if let Some(why) = &run.skipped {
         return format!("not used: {why}");

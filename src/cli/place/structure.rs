@@ -119,7 +119,7 @@ struct Computed {
     loads: Vec<Load>,
 }
 
-/// Calculates with isotherm's own finite elements.
+/// Calculates temperatures, displacements and P with isotherm's own finite elements.
 fn own(
     inputs: &[FeInput],
     fixed: &[usize],

@@ -20,7 +20,7 @@ pub(in crate::cli) struct Nodes {
     /// those below the folder Objects
     #[arg(long, value_name = "NODE", num_args = 0..=1, default_missing_value = OBJECTS, conflicts_with_all = ["register", "watch"])]
     browse: Option<NodeId>,
-    /// Number of levels to show
+    /// Number of levels below the first node to show
     #[arg(long, value_name = "LEVELS", default_value_t = 2, value_parser = clap::value_parser!(u8).range(0..=20), requires = "browse")]
     depth: u8,
     /// Largest number of nodes to show

@@ -27,7 +27,7 @@ pub struct Summary {
     pub warnings: Vec<String>,
     /// Results for each axis, by name.
     pub axes: BTreeMap<String, AxisSummary>,
-    /// Replay of the log of outputs in the same directory; `None` if there is none.
+    /// Replay of the log of outputs in the same directory; `None` if there is no such log.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub outputs: Option<OutputsSummary>,
 }

@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::Context;
 
-/// File that exists only when it is complete.
+/// Output file that appears under its name only when it is complete.
 #[derive(Debug)]
 pub(super) struct WholeFile {
     file: File,
@@ -40,7 +40,7 @@ impl WholeFile {
         Ok(WholeFile { file, path, part: Some(part) })
     }
 
-    /// Ends the file.
+    /// Completes the file, and renames it to its final name.
     pub(super) fn end(mut self) -> anyhow::Result<()> {
         let Some(part) = &self.part else { return Ok(()) };
         std::fs::rename(part, &self.path).with_context(|| format!("cannot write {}", self.path.display()))?;

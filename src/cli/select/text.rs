@@ -1,4 +1,4 @@
-//! Result of the selection as text.
+//! Result of `isotherm select` as text for the terminal.
 
 use std::io::{self, Write};
 

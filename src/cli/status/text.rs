@@ -1,4 +1,4 @@
-//! Status as text for a terminal, in the order of the web page.
+//! Status of the gateway as text for a terminal, in the order of the web page.
 
 use std::fmt::Write as _;
 use std::time::Duration;

@@ -39,7 +39,7 @@ pub(crate) enum Delivery {
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Group {
     pub(crate) id: CanId,
-    /// Period of sending: that of the device, or shorter if a value would become too old.
+    /// Period of sending: the period of the device, or a shorter one if a value would become too old.
     pub(crate) every: Duration,
     pub(crate) images: Vec<Image>,
 }

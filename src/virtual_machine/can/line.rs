@@ -19,7 +19,7 @@ use isotherm_core::quantity::Moment;
 const PAUSE: Duration = Duration::from_millis(1);
 const ATTEMPTS: u32 = 250;
 
-/// Virtual devices on one CAN interface.
+/// Virtual devices on one CAN interface, with the state that they share.
 #[derive(Debug)]
 pub(crate) struct CanLine {
     pub(crate) places: Vec<usize>,

@@ -8,7 +8,7 @@ use isotherm_core::quantity::Moment;
 use isotherm_core::reading::SignalId;
 use isotherm_profile::DeviceId;
 
-/// Faults of a run, each with its progress.
+/// Faults of a run, each with its state: its start, and the number of faulty replies so far.
 #[derive(Clone, Debug)]
 pub(crate) struct Faults {
     begin: Moment,

@@ -8,12 +8,12 @@ use isotherm_core::quantity::Moment;
 use isotherm_core::reading::Status;
 use isotherm_profile::DeviceId;
 
-/// Content of a node.
+/// Content of a node: a value, or a status without a value.
 #[derive(Clone, Debug, PartialEq)]
 pub(in crate::virtual_machine) enum NodeValue {
     Number(Scalar),
     Text(String),
-    /// The node has no value.
+    /// The node has this status and no value.
     Status(Status),
 }
 
@@ -87,7 +87,7 @@ impl Hardware {
         values
     }
 
-    /// Executes a call that writes nodes. A value is `None` if it is no number. Returns the status of each write.
+    /// Executes a call that writes nodes. A value that is no number is `None`. Returns the status of each write.
     pub(in crate::virtual_machine) fn write_nodes(
         &mut self,
         device: DeviceId,

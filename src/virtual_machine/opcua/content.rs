@@ -1,4 +1,4 @@
-//! Content of a node as a value of the library.
+//! Conversion of the content of a node to a value of the OPC UA library.
 
 use ::opcua::types::{Array, DataValue, StatusCode, UAString, Variant};
 
@@ -8,7 +8,7 @@ use crate::virtual_machine::hardware::nodes::NodeValue;
 use isotherm_core::codec::Scalar;
 use isotherm_core::reading::Status;
 
-/// Returns the content of a node, from that of its parts. The time is that of the library.
+/// Returns the content of a node from the contents of its parts (array elements). The library adds the time.
 pub(super) fn data_value(node: &ServerNode, parts: &[NodeValue]) -> DataValue {
     let status = parts.iter().find_map(|part| match part {
         NodeValue::Status(status) => Some(*status),
@@ -24,7 +24,7 @@ pub(super) fn data_value(node: &ServerNode, parts: &[NodeValue]) -> DataValue {
     DataValue::new_now(whole.unwrap_or(Variant::Empty))
 }
 
-/// Returns a value that has only this status.
+/// Returns a node content with this status and without a value.
 pub(super) fn without_value(status: Status) -> DataValue {
     DataValue::new_now_status(Variant::Empty, StatusCode::from(status.0))
 }

@@ -1,4 +1,4 @@
-//! Configuration and start of the library.
+//! Configuration and start of the OPC UA library (async-opcua) for a virtual server.
 
 use std::io;
 use std::net::{Ipv4Addr, SocketAddr};

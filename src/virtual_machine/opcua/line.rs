@@ -25,7 +25,7 @@ pub(super) enum Cut {
     None,
     /// The connection is closed.
     Close,
-    /// The connection is never answered again.
+    /// No request of the connection is answered any more.
     Mute,
     /// The client gets random bytes.
     Garbage,

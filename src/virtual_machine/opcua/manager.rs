@@ -1,4 +1,4 @@
-//! Address space of the library: a variable for each node that the profile names.
+//! Address space of the OPC UA library: a variable for each node that the profile names.
 
 use std::collections::HashMap;
 use std::sync::Arc;
@@ -87,7 +87,7 @@ fn insert(space: &mut AddressSpace, id: &NodeId, node: &ServerNode) {
 }
 
 impl Nodes {
-    /// Reads nodes in one call. An array is read as a whole.
+    /// Reads nodes in one call. For an array, all elements are read.
     async fn read_whole(&self, nodes: &[&ParsedReadValueId]) -> Vec<DataValue> {
         let place = |node: &&ParsedReadValueId| self.places.get(&node.node_id).copied();
         let places: Vec<Option<usize>> = nodes.iter().map(place).collect();
@@ -97,7 +97,7 @@ impl Nodes {
     }
 }
 
-/// Returns the range of an array that a client asks for. A bad value stays as it is.
+/// Returns the index range of an array value that a client requests. A value with a bad status is returned unchanged.
 pub(super) fn part(mut value: DataValue, range: &NumericRange) -> DataValue {
     let is_good = value.status.is_none_or(|status| status.is_good());
     let Some(whole) = value.value.as_ref().filter(|_| is_good && *range != NumericRange::None) else {

@@ -12,14 +12,14 @@ const MOST_NAMESPACES: u16 = 200;
 /// Largest number of elements that an array has.
 const MOST_ELEMENTS: usize = 10_000;
 
-/// Whether clients may write a node.
+/// Access rights of clients to a node: only read, or also write.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Access {
     Read,
     Write,
 }
 
-/// Node of a server.
+/// Node of a virtual OPC UA server.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct ServerNode {
     pub(super) id: NodeId,
@@ -28,7 +28,7 @@ pub(super) struct ServerNode {
     pub(super) parts: Vec<Node>,
 }
 
-/// Nodes of a server, and its namespaces.
+/// Nodes and namespaces of a virtual OPC UA server.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(in crate::virtual_machine) struct ServerNodes {
     pub(super) nodes: Vec<ServerNode>,
@@ -123,8 +123,8 @@ impl ServerNodes {
     }
 }
 
-/// Returns the URIs of the namespaces from index 1 on: one for each index that the profile names, then those that it
-/// names by their URIs.
+/// Returns the URIs of the namespaces from index 1 on. First there is one URI for each index, up to the highest that
+/// the profile names. The URIs that the profile names follow.
 fn namespaces(nodes: &[ServerNode]) -> Result<Vec<String>, String> {
     let mut highest = 1;
     for node in nodes {

@@ -14,12 +14,12 @@ use super::line::{Cut, NodeLine};
 use crate::virtual_machine::listener::{self, Switch};
 use crate::virtual_machine::random::stream;
 
-/// Bytes that are passed on at once.
+/// Maximum number of bytes that are passed on at once.
 const PIECE: usize = 16 * 1024;
 /// Interval at which the end of a silence is checked.
 const SILENT: Duration = Duration::from_millis(20);
 
-/// Virtual server of one bus.
+/// Virtual OPC UA server of one bus.
 pub(in crate::virtual_machine) struct NodeServer {
     line: Arc<NodeLine>,
     library: Arc<Mutex<Library>>,

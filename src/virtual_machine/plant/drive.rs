@@ -8,7 +8,7 @@ use super::time::STEP;
 use crate::virtual_machine::random::stream;
 use std::f64::consts::TAU;
 
-/// Air temperature of one day.
+/// Air temperature over one simulated day.
 #[derive(Clone, Debug)]
 pub(super) struct Ambient {
     mean: f64,
@@ -64,8 +64,8 @@ pub(super) struct Duty {
     spec: DutySpec,
     random: Pcg32,
     phase: Phase,
-    /// Load of the current work phase, as a factor of the power. It has its own random numbers, so that it does not
-    /// change the phases.
+    /// Load of the current work phase, as a factor of the power. The load has its own random numbers, so that a change
+    /// of the load does not change the phases.
     load: f64,
     loads: Pcg32,
     /// Step at which the current phase ends.

@@ -56,8 +56,8 @@ pub(super) struct Sink {
 }
 
 impl Structure {
-    /// Returns two factors of a mode with this decay rate (1/s): the remaining part of its amplitude after one step,
-    /// and the change by an excitation of 1.
+    /// Returns two factors of a mode with this decay rate (1/s). The first is the remaining part of its amplitude after
+    /// one step. The second is the change of the amplitude by an excitation of 1.
     pub(super) fn step(rate: f64) -> (f64, f64) {
         let seconds = STEP.as_secs_f64();
         ((-rate * seconds).exp(), -(-rate * seconds).exp_m1() / rate)
@@ -88,8 +88,8 @@ impl Structure {
         self.ports[port].iter().zip(&self.gain).map(|(port, gain)| port * port * gain).sum()
     }
 
-    /// Returns the displacement of the guideway at a position in one direction, µm. Beyond the ends of the guideway it
-    /// is that of the end.
+    /// Returns the displacement of the guideway at a position in one direction, µm. Beyond the ends of the guideway,
+    /// the displacement of the end is returned.
     pub(super) fn moved(&self, direction: usize, position: f64, modes: &[f64]) -> f64 {
         let after = self.guide.partition_point(|point| *point <= position);
         let (low, high) = (after.saturating_sub(1), after.min(self.guide.len() - 1));

@@ -24,7 +24,7 @@ pub(super) struct TextAnswer {
     pub(super) fault: Option<ReplyFault>,
 }
 
-/// Content of an answer.
+/// Content of an answer: values, an error code, or nothing.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) enum Content {
     Values(Vec<f64>),
@@ -33,7 +33,7 @@ pub(super) enum Content {
     Nothing,
 }
 
-/// Bytes to send, and how.
+/// Bytes to send, with their delay, the pause between bytes, and the end of the connection.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub(super) struct SentText {
     pub(super) bytes: Vec<u8>,
@@ -168,7 +168,7 @@ pub(super) fn name(group: &TextGroup) -> String {
     of_module(group, "!{unit}7018")
 }
 
-/// Returns a text with the address of a module, and with its checksum if it is switched on.
+/// Returns a text with the address of a DCON module, and with a checksum if the module uses checksums.
 fn of_module(group: &TextGroup, text: &str) -> String {
     let sum = if group.has_sum() { "{sum}" } else { "" };
     let text = with_unit(&format!("{text}{sum}\r"), group.unit);

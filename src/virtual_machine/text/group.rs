@@ -6,7 +6,7 @@ use isotherm_core::codec::{Address, Register, Table, TextPattern};
 use isotherm_profile::plan::ReadTarget;
 use isotherm_profile::{BusId, DeviceId, Profile};
 
-/// Registers of one value, which is a 64-bit float.
+/// Number of registers that store one value, a 64-bit float.
 pub(super) const WIDTH: u16 = 4;
 
 /// Values that a device sends in answer to one request, or without a request.

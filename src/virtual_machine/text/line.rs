@@ -26,7 +26,7 @@ const LONGEST_REQUEST: usize = 128;
 /// its frame).
 pub(in crate::virtual_machine) type Ask = Arc<dyn Fn(DeviceId, &[u8]) -> Reply + Send + Sync>;
 
-/// One line with its devices.
+/// One bus line, with the virtual devices on it that send text.
 pub(in crate::virtual_machine) struct TextLine {
     groups: Vec<TextGroup>,
     ask: Ask,

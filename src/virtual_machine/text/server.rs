@@ -1,4 +1,4 @@
-//! Listener of virtual devices that send text.
+//! TCP listener of virtual devices that send text.
 
 use std::io;
 use std::sync::Arc;

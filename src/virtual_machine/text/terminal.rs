@@ -1,4 +1,4 @@
-//! Serial port of virtual devices that send text.
+//! Serial port (pseudo-terminal) of virtual devices that send text.
 
 use std::io;
 use std::sync::Arc;

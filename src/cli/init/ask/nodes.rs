@@ -1,4 +1,4 @@
-//! Questions about OPC UA servers.
+//! Questions of `isotherm init` about OPC UA servers and their nodes.
 
 use super::{Asking, OF_OFFSET};
 use crate::cli::init::answers::{self, Line, MachineOn, Module, TemperatureNode};
@@ -55,7 +55,8 @@ impl Asking<'_, '_> {
         Ok(ValueForm { data_type, word_order: None, scale, scale_from: None })
     }
 
-    /// Asks for the address of the control's server. Returns `None` if it is the server of the temperatures, `module`.
+    /// Asks for the address of the control's OPC UA server. Returns `None` if `module`, the server of the temperatures,
+    /// is also the control's server.
     pub(super) fn server(&mut self, module: &Line) -> anyhow::Result<Option<Line>> {
         let of_control = |text: &str| {
             if text == "same" && matches!(module, Line::OpcUa(_)) {

@@ -129,7 +129,7 @@ impl PlantFile {
         check.demand(!self.duty.work.shortest.is_zero(), || "duty.work: must be longer than 0s".to_owned());
         let [lightest, hardest] = self.duty.load;
         check.demand(lightest >= 0.0 && lightest <= hardest && hardest.is_finite(), || {
-            "duty.load: a smallest and a largest number, 0 or more".to_owned()
+            "duty.load: write the smallest and the largest load, each 0 or more".to_owned()
         });
         if !check.errors.is_empty() {
             return Err(check.errors);
@@ -191,7 +191,7 @@ impl LinkFile {
             (Point::Node(node), other) | (other, Point::Node(node)) => (node, other),
             (_, other) => {
                 let wrong = check.errors.len() > before;
-                check.demand(wrong, || format!("{place}: one of the two must be a node"));
+                check.demand(wrong, || format!("{place}: at least one of the two must be a node"));
                 (0, other)
             }
         };

@@ -121,7 +121,7 @@ fn what_is_wrong_around_a_structure_is_reported_by_name() {
     }
     let reported = wrong(&[("\"rails_3\", \"head\"", "\"rails_3\", \"rails_4\"")]);
     assert!(
-        reported.contains("link between rails_3 and rails_4: one of the two must be a node"),
+        reported.contains("link between rails_3 and rails_4: at least one of the two must be a node"),
         "{reported}"
     );
     let reported = wrong(&[("\"rails_3\", \"head\"", "\"head\", \"column_front_3\"")]);
