@@ -106,7 +106,7 @@ impl Clock {
         clock
     }
 
-    /// Returns a wall clock that shows `anchor` now, even if that is not the correct time, and counts on with
+    /// Returns a wall clock that shows `anchor` now, even if that is not the correct time, and then counts with
     /// `boot_clock`.
     pub fn set_to(anchor: Moment, boot_clock: BootClock) -> Clock {
         let (started, day) = (boot_clock.passed(), boot_clock.clone());

@@ -148,7 +148,7 @@ pub enum VirtualMachineError {
         bus: String,
         /// Address of the bus.
         address: String,
-        /// Error of the system.
+        /// Error of the operating system.
         source: std::io::Error,
     },
     /// The virtual machine cannot simulate a bus.
@@ -156,7 +156,7 @@ pub enum VirtualMachineError {
     NotSimulated {
         /// Name of the bus in the profile.
         bus: String,
-        /// Reason.
+        /// Reason why the bus cannot be simulated.
         why: String,
     },
     /// A task of the virtual machine has failed.

@@ -199,7 +199,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
             match rotate::remove_incomplete(directory, &profile.name) {
                 Ok(removed) => removed
                     .iter()
-                    .try_for_each(|part| say!("removed, because it is incomplete: {}", part.display()))?,
+                    .try_for_each(|part| say!("incomplete backup removed: {}", part.display()))?,
                 Err(why) => say_beside!("{why:#}"),
             }
             rotate::write(&file, &archive, mode)
@@ -218,7 +218,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     for (axis, preference) in gateway::preferences_in(&directory, profile) {
         if let Some(model) = preference.preferred().name() {
             arguments.note(&format!(
-                "axis {axis} follows the learned model {model}, which is part of the state"
+                "axis {axis} follows the learned model {model}, which the backup contains with the saved state"
             ))?;
         }
     }

@@ -1,4 +1,5 @@
-//! `isotherm identify`: from logs with a measured error to a model, its cross-validation, and its block for a profile.
+//! `isotherm identify`: identifies a model from logs with a measured error, cross-validates the model, and writes its
+//! block for a profile.
 
 use std::path::{Path, PathBuf};
 use std::time::Duration;
@@ -79,8 +80,8 @@ pub(super) struct Arguments {
     /// Signals that the model may use although their readings look faulty
     #[arg(long, value_name = "SIGNAL", value_delimiter = ',')]
     keep: Vec<String>,
-    /// Time constants that are tried [default: 0s,6min,25min,100min; ridge-lag, sparse-lag, stepwise and position:
-    /// 0s,3min,6min,12min,25min,50min,100min,200min; rbf and network: 0s,12min,50min]
+    /// Time constants of the lags that are tried [default: 0s,6min,25min,100min; ridge-lag, sparse-lag, stepwise and
+    /// position: 0s,3min,6min,12min,25min,50min,100min,200min; rbf and network: 0s,12min,50min]
     #[arg(long, value_name = "TIME", value_delimiter = ',', value_parser = humantime::parse_duration)]
     lags: Vec<Duration>,
     /// With --method whitened: largest number of sensors in the model. The sensors with the smallest error on held-out

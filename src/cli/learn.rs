@@ -158,7 +158,7 @@ fn axes(profile: &Profile, arguments: &Arguments) -> anyhow::Result<Vec<String>>
     Ok(probed)
 }
 
-/// Learns one axis from the new logs, and stores the new products.
+/// Learns the model of one axis from the new logs, and stores the intermediate results (products) of the new runs.
 fn of_axis(
     arguments: &Arguments,
     profile: &Profile,
@@ -191,7 +191,7 @@ fn of_axis(
     let passed = days.iter().filter(|(day, _)| is_passed(day)).count();
     if passed > 0 {
         remarks.push(format!(
-            "logs in {} that are older than the touches of the named logs, and are not used: {}. To learn from them, \
+            "logs in {} are older than the touches of the named logs and are not used: {}. To learn from these logs, \
              remove {}, and run `isotherm learn` without the named logs first",
             directory.display(),
             counted(passed, "day"),
@@ -283,8 +283,8 @@ fn nothing_found((directory, machine): (&Path, &str), axis: &str, days: usize) -
 /// Days with the paths of their logs.
 type Days = Vec<(String, Vec<PathBuf>)>;
 
-/// Returns the days until today, and the number of later days. Logs of later days come from a wrong clock. If they were
-/// used, the real days that follow could not be judged.
+/// Returns the days until today, and the number of later days. Logs of later days come from a wrong clock. If these
+/// logs were used, the following real days would be older than the last learned run, and would not be judged.
 fn until_today(mut days: Days, now: Moment) -> (Days, usize) {
     let mut today = Vec::new();
     time::write(&mut today, now);

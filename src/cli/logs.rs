@@ -6,7 +6,7 @@ use jiff::tz::TimeZone;
 use super::values::one_of;
 use isotherm_core::quantity::{DateOrder, DecimalMark, TimeUnit};
 
-/// Properties of logs that their files may not contain.
+/// Properties of logs that the log files possibly do not state.
 #[derive(clap::Args, Clone, Debug)]
 pub(super) struct LogFormat {
     /// Time zone for times without one, such as 05.01.2026 06:00:10. Write Europe/Berlin, UTC, or +01:00 for a clock

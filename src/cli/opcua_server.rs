@@ -1,4 +1,4 @@
-//! The OPC UA server of `[opcua_server]`: start of serving.
+//! Start of the OPC UA server that the table `[opcua_server]` of the profile describes.
 
 use std::path::Path;
 use std::sync::Arc;

@@ -23,7 +23,8 @@ mod text;
 
 use text::Text;
 
-/// Finds places for the temperature sensors of a structure, and the error of its displacement that remains with them.
+/// Finds places for the temperature sensors of a structure, and calculates the residual error of its displacement with
+/// these sensors.
 ///
 /// The input is one heat-transfer FE input file (Abaqus, CalculiX) for each load case, all with one mesh. The structure
 /// is divided into blocks with one sensor each. The matrix P gives the displacement of the guideway, P·ΔT, from the

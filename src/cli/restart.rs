@@ -17,7 +17,7 @@ use isotherm_profile::safe_file;
 /// Time limit within which the new gateway must have an answer of every device and a decision of every axis.
 const READY_WITHIN: Duration = Duration::from_secs(15);
 const LOOK_EVERY: Duration = Duration::from_millis(100);
-/// Shortest time limit of the new program for its check, and again for its start. The limit is three times the duration
+/// Shortest time limit for the check of the new program, and then for its start. The limit is three times the duration
 /// of the same check in this process, if that is longer.
 const SHORTEST: Duration = Duration::from_secs(10);
 
@@ -70,7 +70,7 @@ pub(super) fn taken_over(socket: &Path, replaced: Result<String, Failure>) -> an
     }
 }
 
-/// Returns the time limit of the new program for its check, and again for its start. `own_check` is the duration of the
+/// Returns the time limit for the check of the new program, and then for its start. `own_check` is the duration of the
 /// same check in this process.
 pub(super) fn limit(own_check: Duration) -> Duration {
     SHORTEST.max(own_check * 3)

@@ -1,4 +1,4 @@
-//! `isotherm scan`: lists the units of a line that answer, and their registers.
+//! `isotherm scan`: lists the units that answer on a bus line, and their registers.
 
 use std::io::{IsTerminal, Write};
 use std::time::Duration;

@@ -5,7 +5,8 @@ use std::time::Duration;
 
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 
-/// Arguments that exclude or require each other. The program reports them as clap reports a single wrong argument.
+/// Error: arguments exclude or require each other. The program reports this error in the same form as clap reports a
+/// wrong argument.
 #[derive(Debug, thiserror::Error)]
 #[error("{0}")]
 pub(super) struct WrongArguments(String);

@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use tokio::time::{Instant, Sleep, sleep_until};
 
-/// Timer for the sleeps of one sleeper that need no kernel timer. It is created for the first of them.
+/// Timer for the sleeps of one sleeper that need no kernel timer. The timer is created for the first of these sleeps.
 #[derive(Debug, Default)]
 pub(super) struct WheelTimer(Option<Pin<Box<Sleep>>>);
 

@@ -39,7 +39,7 @@ pub(super) struct Header {
 pub(super) struct NoModbus;
 
 impl Framing {
-    /// Returns a protocol data unit inside a frame.
+    /// Returns a frame that contains this protocol data unit.
     pub(super) fn frame(self, transaction: u16, unit: u8, pdu: &[u8]) -> Vec<u8> {
         let mut bytes = Vec::with_capacity(HEADER + pdu.len());
         if self == Framing::Tcp {

@@ -134,7 +134,7 @@ fn held_out(out: &mut impl Write, found: &Identified) -> io::Result<()> {
     }
 }
 
-/// Prints how the model works without each of its sensors in turn.
+/// Prints the error of the model without each of its sensors in turn.
 fn lost(out: &mut impl Write, found: &Identified) -> io::Result<()> {
     let virtually = found.stand_ins.iter().filter(|stand_in| stand_in.stands_in);
     let virtually = virtually

@@ -297,7 +297,7 @@ pub(super) fn machine_on(text: &str, channels: &[String]) -> Result<MachineOn, S
 }
 
 /// Parses the first register of a block: a number, or a register in either notation. Five digits that begin with 3 or 4
-/// are a Modicon number, as elsewhere.
+/// are a Modicon number, as in a profile.
 pub(super) fn base(text: &str) -> Result<u16, String> {
     let is_modicon = text.len() > 4 && text.starts_with(['3', '4']);
     let register = || text.parse::<Register>().ok().map(|register| register.offset);

@@ -1,4 +1,5 @@
-//! Questions of `isotherm init` in their order, from the name of the machine to the signal that shows it on.
+//! Questions of `isotherm init` in their order, from the name of the machine to the signal that shows that the machine
+//! is on.
 
 use super::Arguments;
 use super::answers::{
@@ -63,7 +64,7 @@ pub(super) fn ask(
     )?;
     let diameter = asking.diameter(&axis)?;
     let limit = asking.text(
-        ("limit", "Largest absolute value of its Cz, µm", Some("10")),
+        ("limit", "Largest absolute value of Cz of the axis, µm", Some("10")),
         "Cz is what is added to the position. Keep the limit small until the sign is checked with a gauge.",
         arguments.limit.as_deref(),
         answers::limit,
@@ -167,8 +168,8 @@ impl Asking<'_, '_> {
         }
         let outline = self.text(
             ("module", "Template of the module, or none", Some("none")),
-            "A template knows the registers of a module. Without one, the registers are asked. Templates of your own are \
-             files devices/NAME.toml next to the profile.",
+            "A template knows the registers of a module. Without a template, isotherm asks for the registers. \
+             Templates of your own are files devices/NAME.toml next to the profile.",
             self.arguments.module.as_deref(),
             |text| answers::module(text, &modules),
         )?;
@@ -211,7 +212,7 @@ impl Asking<'_, '_> {
             let register = self.text(
                 ("register", "Register of the first temperature", Some("input:0")),
                 "Zero-based as input:0 or holding:0, or one-based as 30001 or 40001. holding:12.4-7 is a part of a \
-                 register, bits 4 to 7. The others follow it.",
+                 register, bits 4 to 7. The registers of the other temperatures follow.",
                 self.arguments.register.as_deref(),
                 answers::first_register,
             )?;
@@ -360,8 +361,8 @@ impl Asking<'_, '_> {
         Ok((Target::Template(Box::new(ControlTemplate { outline, target, base, keys })), bits))
     }
 
-    /// Returns the target of the template with the name of the axis, or its only target. Asks for any other, because
-    /// another target moves another axis.
+    /// Returns the target of the template that has the name of the axis, or the only target. Otherwise asks for a
+    /// target, because a wrong target moves another axis.
     fn target_of(&mut self, outline: &Outline, axis: &str) -> anyhow::Result<OutlineTarget> {
         let targets = &outline.targets;
         let named =
@@ -450,8 +451,9 @@ impl Asking<'_, '_> {
         self.text(
             ("machine-on", "Bit of the control that is 1 while the machine is on, or none", Some(usual)),
             &format!(
-                "A model often counts from machine start. Without this bit, its reference temperature stays that of the \
-                 first run for ever. Write {examples}discrete:0, coil:0, holding:16.3 or none."
+                "Models often use temperature rises since the machine start. Without this bit, the reference \
+                 temperature is never captured again after the first run. Write {examples}discrete:0, coil:0, \
+                 holding:16.3 or none."
             ),
             self.arguments.machine_on.as_deref(),
             |text| answers::machine_on(text, bits),

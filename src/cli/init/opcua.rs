@@ -1,4 +1,4 @@
-//! OPC UA servers and their nodes in the answers.
+//! Parsing of answers about OPC UA servers and their nodes.
 
 use crate::discovery::bus::OPC_UA;
 use isotherm_core::codec::{Element, NodeId};
@@ -54,7 +54,7 @@ pub(super) fn url(text: &str) -> Option<Result<String, String>> {
     Some(server_url(&url).map_err(|(why, help)| format!("{why}; {help}")))
 }
 
-/// Returns whether an answer is meant as a node. Registers and names of templates have no such character.
+/// Returns whether an answer is meant as a node: it contains `=`, which registers and names of templates never contain.
 pub(super) fn is_node(text: &str) -> bool {
     text.contains('=')
 }

@@ -21,7 +21,7 @@ pub(super) struct Question<'q> {
 pub(super) struct Questions<'a> {
     input: &'a mut dyn BufRead,
     out: &'a mut dyn Write,
-    /// Whether each question gets its default without being asked.
+    /// Whether the default of each question is used without asking the question.
     pub(super) takes_defaults: bool,
     /// Accepted answers: option and value.
     taken: Vec<(&'static str, String)>,

@@ -64,9 +64,9 @@ impl SerialSettings {
     }
 }
 
-/// Function that finds the settings with which a unit on a port answers. The settings in its arguments state the kind of
-/// frames. Returns `None` if the unit answers with none of the settings, and an error in one sentence if the port cannot
-/// be used.
+/// Function that finds the settings with which a unit on a port answers. The settings in its arguments state the frame
+/// format. Returns `None` if the unit answers with none of the settings, and an error in one sentence if the port
+/// cannot be used.
 pub(super) type FindSettings<'a> =
     &'a dyn Fn(&str, SerialSettings, u8) -> Result<Option<SerialSettings>, String>;
 
@@ -78,7 +78,8 @@ pub(super) fn extent() -> (usize, Duration) {
     (count, (TIMEOUT * 2).saturating_mul(requests))
 }
 
-/// Tries every setting on this port until the unit answers. `usual` states the kind of frames. Writes to no register.
+/// Tries every setting on this port until the unit answers. `usual` states the frame format. The function writes to no
+/// register.
 pub(super) fn find(port: &str, usual: SerialSettings, unit: u8) -> Result<Option<SerialSettings>, String> {
     let runtime = crate::cli::runtime::start().map_err(|error| error.to_string())?;
     for baud in BAUDS {

@@ -320,7 +320,7 @@ fn a_question_mark_explains_every_question() {
     let explained = USUAL.split('\n').map(|answer| format!("?\n{answer}\n")).collect::<String>();
     let (answers, shown) = answered(&explained);
     assert_eq!(answers.unwrap_or_else(|error| panic!("{error}\n{shown}")), usual());
-    for help in ["The name becomes part of file names", "one-based as 40105", "its reference temperature"] {
+    for help in ["The name becomes part of file names", "one-based as 40105", "the reference temperature"] {
         assert!(shown.contains(help), "{help}: {shown}");
     }
 }

@@ -67,7 +67,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
 }
 
 /// Returns the certificate of the endpoint with the security of the profile. If the server does not offer that
-/// endpoint, returns the certificate of another one.
+/// endpoint, returns the certificate of another endpoint.
 fn of_the_server<'o>(line: &SecuredLine, offers: &'o [Offer]) -> anyhow::Result<&'o Certificate> {
     let wanted = line.bus.opcua.as_ref().map(|opcua| opcua.security);
     let shown = |offer: &&Offer| offer.certificate.is_some();

@@ -1,5 +1,5 @@
-//! One register, or several consecutive ones, without a signal: the registers as read, and the value decoded in
-//! different ways.
+//! Reading of registers that need no signal in the profile: one register, or several consecutive ones. The output shows
+//! the registers as read, and the value decoded in different ways.
 
 use std::io::Write;
 use std::time::Duration;

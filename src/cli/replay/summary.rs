@@ -126,7 +126,7 @@ pub(super) struct Tally {
 struct AxisTally {
     name: String,
     every: Duration,
-    /// Number of log rows that follow the previous row by more than the update interval of the axis.
+    /// Number of log rows whose time difference to the previous row is longer than the update interval of the axis.
     late: u64,
     raw: Spread,
     cz: Spread,

@@ -81,7 +81,7 @@ pub(crate) enum NodeAction {
     Measured(usize),
     /// Discard all written values, as after power-on. A call of [`Node::boot`] must follow.
     Reset,
-    /// Copy the objects that the node has restored itself to the stored values.
+    /// Copy the objects that the node itself has restored to the stored values of the device.
     Restored,
 }
 

@@ -130,7 +130,8 @@ impl Faults {
         })
     }
 
-    /// Returns whether the device sends nothing at all now. A fault that counts replies concerns only calls.
+    /// Returns whether the device sends nothing at all now. A fault with a number of replies is ignored here, because
+    /// it concerns only calls.
     #[cfg(feature = "opcua")]
     pub(crate) fn is_silent(&self, device: DeviceId, now: Moment) -> bool {
         self.active(now).filter(|fault| fault.device == device).any(|fault| {

@@ -301,7 +301,8 @@ impl FaultFile {
         Ok(Kind::Register { address, words })
     }
 
-    /// Takes the status of the node of a signal, or of every node if no signal is named.
+    /// Makes the fault in which a node has a bad status: the node of `signal`, or without this key every node of a
+    /// call.
     fn status(&mut self, profile: &Profile) -> Result<Kind, String> {
         let status = self.code.take().map_or(Status::SENSOR_FAILURE, Status);
         if status.is_good() {
@@ -313,7 +314,7 @@ impl FaultFile {
         Ok(Kind::Node { signal: self.own_signal(profile)?, fault: NodeFault::Status(status) })
     }
 
-    /// Takes the key `signal`, which must name a signal of the device.
+    /// Reads the key `signal`, which must name a signal of the device.
     fn own_signal(&mut self, profile: &Profile) -> Result<SignalId, String> {
         let name = self.signal.take().ok_or("`signal` is missing")?;
         let is_its = |signal: &Signal| profile.device(signal.device).name == self.device;

@@ -181,7 +181,7 @@ impl Hardware {
         }
     }
 
-    /// Copies an object that was written to its stored value, and to the values that depend on it.
+    /// Copies the value of a written object to its stored value, and to the values that depend on it.
     fn take_object(&mut self, place: usize, at: Entry, now: Moment) {
         let Some(can) = &self.units[place].can else { return };
         for (cell, words) in can.standing(|object| object == at) {

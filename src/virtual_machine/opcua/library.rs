@@ -120,7 +120,7 @@ impl Library {
     }
 
     /// Opens a connection, and returns it with the number of starts of the device. If the device was started again, the
-    /// library is started again first, so that it knows no session.
+    /// library is started again first, so that all earlier sessions are gone.
     ///
     /// # Errors
     /// The library cannot be started, or does not listen.

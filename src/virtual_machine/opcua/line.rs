@@ -1,4 +1,4 @@
-//! Calls to the hardware, and faults that end or delay an answer.
+//! Calls from OPC UA clients to the virtual hardware, and faults that end or delay an answer.
 
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;

@@ -176,7 +176,8 @@ pub(in crate::virtual_machine) fn with_types(mut profile: Profile) -> Profile {
     profile
 }
 
-/// Returns each mention of a node in the profile. Those that a client writes are first.
+/// Returns the node of each key that names one in the profile. Nodes of outputs, output sets and the heartbeat come
+/// first.
 fn named(profile: &Profile) -> Vec<(DeviceId, Node, Access)> {
     let outputs = profile.outputs.iter();
     let mut found: Vec<(DeviceId, Address, Access)> =

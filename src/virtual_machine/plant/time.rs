@@ -1,4 +1,4 @@
-//! Time of the plant: whole steps from the start.
+//! Time of the plant, counted in whole steps from the start of the run.
 
 use std::time::Duration;
 

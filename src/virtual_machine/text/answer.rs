@@ -1,4 +1,4 @@
-//! Text of a virtual device, with its faults. No socket and no clock.
+//! Text that a virtual device sends, with its faults. The module uses no socket and no clock.
 
 use std::time::Duration;
 

@@ -78,8 +78,8 @@ impl Asking<'_, '_> {
     pub(super) fn machine_on_node(&mut self) -> anyhow::Result<MachineOn> {
         self.text(
             ("machine-on", "Boolean node that is true while the machine is on, or none", Some("none")),
-            "A model often counts from machine start. Without this node, its reference temperature stays that of the \
-             first run for ever. Write a node such as ns=2;s=Machine.On, or none.",
+            "Models often use temperature rises since the machine start. Without this node, the reference temperature \
+             is never captured again after the first run. Write a node such as ns=2;s=Machine.On, or none.",
             self.arguments.machine_on.as_deref(),
             answers::machine_on_node,
         )

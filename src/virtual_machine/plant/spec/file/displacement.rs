@@ -1,4 +1,4 @@
-//! Effects of warm parts on an axis: as keys of the plant file, and their conversion to gains.
+//! Effects of warm machine parts on the error of an axis: keys of the plant file, and their conversion to gains.
 
 use std::collections::BTreeMap;
 

@@ -1,4 +1,4 @@
-//! Structure that is reduced to thermal modes: as keys of a file, and checked.
+//! Structure that is reduced to thermal modes: its keys in the plant file, the file with its modes, and their checks.
 
 use std::collections::BTreeMap;
 
