@@ -1,5 +1,5 @@
-//! Safe display of texts from other sources: profiles, devices, file names, network clients. Control characters are
-//! escaped, so that they cannot end a line, control a terminal or change the direction of text. Secret parts of
+//! Escapes or masks texts from other sources before they are displayed: profiles, devices, file names, network clients.
+//! Escaped control characters cannot end a line, control a terminal or change the direction of text. Secret parts of
 //! addresses are masked.
 
 use std::borrow::Cow;
@@ -42,8 +42,8 @@ fn escaped(text: &str, is_unwanted: impl Fn(char) -> bool) -> Cow<'_, str> {
     Cow::Owned(escaped)
 }
 
-/// Masks user, password and query of each address (`https://…`) with asterisks. The path of a quoted web address is
-/// masked too, because it may contain a secret. The number of bytes stays the same.
+/// Masks the user, password and query of each address (`https://…`) with asterisks. The path of a quoted web address
+/// may contain a secret, so it is masked too. The number of bytes stays the same.
 pub(crate) fn veiled(text: &str) -> Cow<'_, str> {
     const BEGIN: &str = "://";
     if !text.contains(BEGIN) {

@@ -1,4 +1,4 @@
-//! DBC files, which describe CAN frames: finds the frames and bits of a signal by its name.
+//! Reader of DBC files, which describe CAN frames. It finds the frames and bits of a signal by the signal's name.
 
 use std::collections::BTreeMap;
 use std::rc::Rc;
@@ -17,7 +17,8 @@ mod unit;
 
 pub(crate) use unit::FileUnit;
 
-/// Frame formats by their number in `VFrameFormat`. Files that declare this attribute as a number contain no list.
+/// Names of the frame formats, indexed by the value of the DBC attribute `VFrameFormat`. This table is used if the file
+/// stores the value as a plain number, without a list of names.
 const FORMATS: [&str; 16] = [
     "StandardCAN",
     "ExtendedCAN",
@@ -41,10 +42,10 @@ const FORMATS: [&str; 16] = [
 /// frame.
 const DEEPEST: usize = 8;
 
-/// Length of a classic frame in bytes.
+/// Length of a classic CAN frame (not CAN FD) in bytes.
 const CLASSIC: usize = 8;
 
-/// Files by name. `None` if a file cannot be read, which has been reported.
+/// DBC files by file name. `None` if a file cannot be read. In that case the error has already been reported.
 pub(crate) type Dbcs = BTreeMap<String, Option<Rc<DbcFile>>>;
 
 /// Parsed DBC file with its text.
@@ -119,14 +120,14 @@ impl DbcFile {
         Ok(DbcFile { dbc, text })
     }
 
-    /// Returns a line of the file for a message. `None` if the line is no entry of a DBC file, because it may contain
-    /// secrets.
+    /// Returns the text of a line, to quote it in a message. `None` if the line is not a DBC entry: a wrong file may
+    /// contain secrets.
     pub(crate) fn line(&self, line: usize) -> Option<&str> {
         shown(&self.text, line)
     }
 
-    /// Finds a signal by its name, "Message.Signal". With a J1939 `source` address, only frames of this sender contain
-    /// the signal. Without one, frames of any sender do, if the file marks the message as a J1939 parameter group.
+    /// Finds a signal by its name, "Message.Signal". With a J1939 `source` address, only frames of this sender match.
+    /// Without an address, frames of any sender match if the file marks the message as a J1939 parameter group.
     ///
     /// # Errors
     /// The signal does not exist, or CAN does not allow its identifier or its bits.
@@ -197,12 +198,14 @@ impl DbcFile {
         }
     }
 
-    /// Returns whether a message is a J1939 parameter group: the device has a source address, or the file marks it.
+    /// Returns whether a message is a J1939 parameter group. This is the case if the device has a source address, or if
+    /// the file marks the message as one.
     fn is_group(&self, message: &Message, source: Option<u8>) -> bool {
         source.is_some() || self.format(message.id) == Some("J1939PG")
     }
 
-    /// Returns whether a message has an identifier of 29 bits in a file that is marked as J1939 as a whole.
+    /// Returns whether a message has an identifier of 29 bits and the whole file is marked as J1939 (attribute
+    /// `ProtocolType`).
     fn is_in_j1939(&self, message: &Message) -> bool {
         let is_j1939 =
             |value: &AttributeValue| matches!(value, AttributeValue::String(word) if word == "J1939");
@@ -211,8 +214,9 @@ impl DbcFile {
             && of_file.iter().any(|known| known.name == "ProtocolType" && is_j1939(&known.value))
     }
 
-    /// Returns the frame format of a message, for example `J1939PG`. Editors store it in the attribute `VFrameFormat`, as
-    /// a word, as the number of a word in its list, or as a plain number. `None` if the file does not state it.
+    /// Returns the frame format of a message, for example `J1939PG`. Editors store the format in the attribute
+    /// `VFrameFormat`: as a word, as the index of a word in a list, or as a plain number. `None` if the file does not
+    /// state the format.
     fn format(&self, id: MessageId) -> Option<&str> {
         const NAME: &str = "VFrameFormat";
         let words = self.dbc.attribute_definitions.iter().find_map(|definition| match definition {
@@ -261,8 +265,8 @@ impl DbcFile {
         })
     }
 
-    /// Returns the multiplexers of a signal, each with the values at which a frame contains the signal. Empty if every
-    /// frame of the message contains the signal.
+    /// Returns the multiplexers that select a signal. Each comes with the multiplexer values at which a frame contains
+    /// the signal. Empty if every frame of the message contains the signal.
     fn selectors(&self, message: &Message, signal: &Signal, deep: usize) -> Result<Vec<Selector>, Wrong> {
         let extended: Vec<_> = (self.dbc.extended_multiplex.iter())
             .filter(|known| known.message_id == message.id && known.signal_name == signal.name)
@@ -316,7 +320,7 @@ impl DbcFile {
     }
 }
 
-/// Builds the error about a parameter group that does not fit into a classic frame.
+/// Builds the error for a J1939 parameter group that has more than the 8 bytes of a classic CAN frame.
 fn too_long(message: &Message, size: usize) -> Wrong {
     let name = &message.name;
     Wrong::about(
@@ -331,8 +335,7 @@ fn too_long(message: &Message, size: usize) -> Wrong {
     )
 }
 
-/// Returns a line of a text, counted from 1. `None` if the line is no entry of a DBC file: a wrong file may contain
-/// secrets.
+/// Returns the text of a line, counted from 1. `None` if the line is not a DBC entry: a wrong file may contain secrets.
 pub(crate) fn shown(text: &str, line: usize) -> Option<&str> {
     const ENTRIES: [&str; 11] =
         ["BO_", "SG_", "CM_", "BA_", "VAL_", "VERSION", "NS_", "BS_", "BU_", "EV_", "SIG_"];
@@ -340,14 +343,16 @@ pub(crate) fn shown(text: &str, line: usize) -> Option<&str> {
     ENTRIES.iter().any(|entry| line.trim_start().starts_with(entry)).then_some(line)
 }
 
-/// Parses line and column from the parser's message, which contains for example ` --> 10:16`.
+/// Extracts line and column from an error message of the DBC parser, for example from ` --> 10:16`. `None` if the
+/// message contains no position.
 fn place(why: &str) -> Option<(usize, usize)> {
     let (line, column) = why.split_once("--> ")?.1.lines().next()?.split_once(':')?;
     Some((line.trim().parse().ok()?, column.trim().parse().ok()?))
 }
 
-/// Builds a hint from the parser's message: the expected entries if they are few, otherwise an example. The message
-/// itself is not shown, because it quotes the line. `line` is the line of the file, if it is an entry of a DBC file.
+/// Builds a hint from an error message of the DBC parser: the expected entries if they are few, otherwise an example.
+/// The parser's message itself is not shown, because it quotes the file. `line` is the text of the line with the error,
+/// if that line is a DBC entry.
 fn expected(why: &str, line: Option<&str>) -> String {
     let wanted = why.split_once("= expected ").map(|(_, wanted)| wanted.trim());
     if line.is_some_and(|line| line.trim_start().starts_with("SG_")) {

@@ -1,4 +1,4 @@
-//! SHA-256 in the notation of a profile.
+//! SHA-256 checksums as a profile states them: 64 hex digits.
 
 use std::fmt::Write as _;
 use std::io::Read;
@@ -11,7 +11,7 @@ pub fn sha256(bytes: &[u8]) -> String {
     in_hex(&Sha256::digest(bytes))
 }
 
-/// Returns the SHA-256 of all bytes of a reader: 64 hex digits.
+/// Returns the SHA-256 of everything that a reader returns, as 64 hex digits.
 ///
 /// # Errors
 /// Those of the reader.

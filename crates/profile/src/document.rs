@@ -1,11 +1,11 @@
-//! Document with two forms: lines of text, and JSON.
+//! Document that is output in two forms: as lines of text and as JSON.
 
 use std::fmt;
 
 use serde::{Serialize, Serializer};
 use serde_json::Value;
 
-/// Part of the document: its lines and its JSON object.
+/// Part of a document: its lines of text, and its JSON object.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct Section {
     lines: Vec<String>,
@@ -41,12 +41,12 @@ impl Section {
         self.json(key, Json::Value(serde_json::to_value(value).unwrap_or_default()));
     }
 
-    /// Adds a key to the JSON object. Its value is or contains another object.
+    /// Adds a key to the JSON object. Unlike with `entry`, the value is another object, or contains one.
     pub(crate) fn json(&mut self, key: &'static str, json: impl Into<Json>) {
         self.json.push((key, json.into()));
     }
 
-    /// Adds a nested section: its lines, and its JSON under `key`. Without a section, the JSON is `null`.
+    /// Adds a nested section: its lines, and its JSON under `key`. If `part` is `None`, the JSON is `null`.
     pub(crate) fn part(&mut self, key: &'static str, part: Option<Section>) {
         part.iter().for_each(|part| self.lines_of(part));
         self.json(key, part);
@@ -60,8 +60,8 @@ impl Section {
     }
 }
 
-/// Adds entries to the JSON object of a section. An entry is `key = value`, or `key` alone for the variable of this
-/// name.
+/// Adds entries to the JSON object of a section. An entry is `key = value`, or only `key` if a variable has the name of
+/// the key.
 macro_rules! entries {
     ($section:ident, $($key:ident $(= $value:expr)?),+) => {
         $($section.entry(stringify!($key), $crate::document::entries!(@value $key $($value)?));)+

@@ -1,5 +1,5 @@
-//! Edits of the text of a profile: the model of an axis, and the signal that shows the machine on. Everything else stays
-//! as it was written, comments and order included.
+//! Edits the text of a profile: replaces the models of an axis, or adds the signal that shows that the machine is on.
+//! Everything else stays as it was written, including comments and order.
 //!
 //! The edits work on lines. Each result is parsed again and compared with the profile before, so that an edit that
 //! changes anything else is refused.
@@ -8,7 +8,7 @@ use std::ops::Range;
 
 use toml::{Table, Value};
 
-/// Text of a profile with another model of an axis.
+/// Text of a profile in which the models of an axis have been replaced.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ModelEdit {
     /// Text of the whole profile.
@@ -19,11 +19,11 @@ pub struct ModelEdit {
     pub replaced: usize,
 }
 
-/// Table of a profile in its text.
+/// Position of a table in the text of a profile.
 struct Section {
-    /// Path of the header: `[axis.z]` is axis, z.
+    /// Keys in the header of the table. For `[axis.z]` these are `axis` and `z`.
     path: Vec<String>,
-    /// Lines of the table, with the comments directly above its header and without blank lines at its end.
+    /// Lines of the table. They include the comments directly above the header, and no blank lines at the end.
     lines: Range<usize>,
     header: usize,
 }
@@ -103,7 +103,7 @@ fn parsed(text: &str) -> Result<Table, String> {
     text.parse::<Table>().map_err(|why| format!("it is no valid TOML: {}", why.message()))
 }
 
-/// Returns the tables of a profile in the order of its lines.
+/// Returns the position of every table of a profile, in the order of the lines.
 fn sections(lines: &[&str]) -> Result<Vec<Section>, String> {
     let headers = headers(lines);
     // Comments directly above a header belong to it.
@@ -121,8 +121,8 @@ fn sections(lines: &[&str]) -> Result<Vec<Section>, String> {
     Ok(sections)
 }
 
-/// Returns the lines of a table without the comments at its end that a blank line separates from it. Such comments
-/// belong to the rest of the file.
+/// Returns the lines of a table without comments at its end that follow a blank line. Such comments belong to the rest
+/// of the file.
 fn without_loose_comments(lines: &[&str], section: &Section) -> Range<usize> {
     let Section { lines: Range { start, end }, header, .. } = section;
     let is_blank = |line: &&str| line.trim().is_empty();
@@ -133,7 +133,7 @@ fn without_loose_comments(lines: &[&str], section: &Section) -> Range<usize> {
     *start..blank.map_or(*end, |blank| begin + blank)
 }
 
-/// Returns the keys in the header of a table: axis and z of `[axis.z]`.
+/// Returns the keys in the header of a table: for `[axis.z]` these are `axis` and `z`.
 fn path(header: &str) -> Result<Vec<String>, String> {
     let mut keys = Vec::new();
     let mut inner = Value::Table(parsed(header)?);
@@ -152,12 +152,13 @@ fn path(header: &str) -> Result<Vec<String>, String> {
     }
 }
 
-/// Part of TOML text in which a line begins.
+/// State of the line scanner at the beginning of a line of TOML text.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Within {
-    /// Between keys, or in a value with this number of open brackets.
+    /// The line begins between keys, or inside a value. The field is the number of brackets that are still open.
     Keys(usize),
-    /// Text of several lines. The field is its quote, and `usize` the number of brackets that are open around it.
+    /// The line begins inside a quoted text of several lines. The fields are the closing quote, and the number of
+    /// brackets that are open around the text.
     Text(&'static str, usize),
 }
 
@@ -174,7 +175,7 @@ fn headers(lines: &[&str]) -> Vec<usize> {
     found
 }
 
-/// Returns the part of the text in which the next line begins.
+/// Returns the state at the beginning of the next line, given the state at the beginning of `line`.
 fn after(line: &str, mut within: Within) -> Within {
     let mut rest = line;
     loop {
@@ -205,8 +206,8 @@ fn after(line: &str, mut within: Within) -> Within {
     }
 }
 
-/// Returns the index after the end of a quoted text; `None` if it does not end in this line. In texts with `"`, a
-/// backslash hides the next character.
+/// Returns the index after the end of a quoted text. `None` if the text does not end in this line. In texts with `"`, a
+/// backslash escapes the next character.
 fn end_of_text(text: &str, quote: &str) -> Option<usize> {
     let mut from = 0;
     while from < text.len() {

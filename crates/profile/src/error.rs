@@ -22,21 +22,21 @@ pub struct ProfileError {
     pub column: Option<usize>,
     /// Path of the key, for example `axis.z.model[0].terms[1].gain`.
     pub key: String,
-    /// Mistake, in one sentence.
+    /// Description of the mistake, in one sentence.
     pub message: String,
-    /// Hint: allowed words, the nearest word, or the remedy.
+    /// Hint for the user: the allowed words, the nearest word, or the remedy.
     pub help: Option<String>,
     /// Text of the line with the error. A long line is truncated on both sides of the error.
     #[serde(skip)]
     pub excerpt: Option<String>,
-    /// Number of characters of the excerpt before the error.
+    /// Number of characters in `excerpt` before the position of the error.
     #[serde(skip)]
     pub caret: usize,
     /// Number of further errors that are not listed. Only the last listed error has a number other than 0.
     #[serde(skip_serializing_if = "is_nought")]
     pub more: usize,
-    /// Value of the profile's key `allow_override` that would permit this setting of the local file, the environment or
-    /// `--set`. Empty if no value permits it. `None` for all other errors.
+    /// Value of the profile's key `allow_override` that would permit this setting in a layer (local file, environment
+    /// or `--set`). Empty if no value permits the setting. `None` for all other errors.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub allow_override: Option<Vec<String>>,
 }
@@ -76,17 +76,18 @@ impl Findings {
         other.described.into_iter().for_each(|error| self.push(error));
     }
 
-    /// Returns whether further errors are only counted. A caller then need not describe an error.
+    /// Returns whether the list is full, so that further errors are only counted. The caller can then skip the
+    /// description of an error.
     pub(crate) fn is_full(&self) -> bool {
         self.described.len() >= MOST_DESCRIBED
     }
 
-    /// Returns the index of the next error that is described.
+    /// Returns the index that the next stored error will have.
     pub(crate) fn next_index(&self) -> usize {
         self.described.len()
     }
 
-    /// Appends a text to the message of the error with this index.
+    /// Appends a text to the message of the stored error with this index.
     pub(crate) fn append_to_message(&mut self, index: usize, text: &str) {
         if let Some(error) = self.described.get_mut(index) {
             error.message.push_str(text);
@@ -211,10 +212,10 @@ pub fn allowed<'a>(word: &str, words: impl IntoIterator<Item = &'a str>) -> Stri
     listed(nearest_or_longer(word, &words), &words)
 }
 
-/// Returns the allowed word that was probably meant: the nearest one, or else the shortest one that contains `word`. For
-/// example `m7018` is a part of the name of a template.
+/// Returns the allowed word that was probably meant. This is the nearest word, or else the shortest word that contains
+/// `word`. For example, `m7018` is part of the name of a template.
 pub fn nearest_or_longer<'a>(word: &str, words: &[&'a str]) -> Option<&'a str> {
-    /// Least number of characters of a part. A shorter one is in too many words.
+    /// Smallest number of characters for which longer words are searched. A shorter text is part of too many words.
     const SHORTEST: usize = 3;
     let lower = word.to_lowercase();
     let contains = |known: &&&str| word.len() >= SHORTEST && known.to_lowercase().contains(&lower);
@@ -238,7 +239,7 @@ fn shown<'w, 'a>(words: &'w [&'a str]) -> &'w [&'a str] {
     &words[..words.len().min(MOST_WORDS)]
 }
 
-/// Spellings that a profile does not accept, each with the word of the profile that means the same.
+/// Spellings that a profile does not accept, each with the accepted word of the same meaning.
 const ALSO: [(&str, &str); 28] = [
     ("c", "degC"),
     ("°c", "degC"),
@@ -272,7 +273,7 @@ const ALSO: [(&str, &str); 28] = [
 ];
 
 /// Returns the allowed word for a common spelling, for example `degC` for `celsius`. `lower` is the written word in
-/// lower case. `is_meant` returns whether this word is a spelling of the list.
+/// lower case. `is_meant` decides whether `lower` matches a spelling of the list.
 pub(crate) fn also<'a>(
     lower: &str,
     words: &[&'a str],

@@ -1,4 +1,5 @@
-//! Kinds of files, recognised by their content. A message can then name a file that is given in the place of another.
+//! Recognises the kind of a file by its content. A message can then say that the user gave another kind of file than
+//! expected.
 //!
 //! A reader asks for the kind only after it has rejected a file. A wrong guess therefore never rejects a valid file.
 
@@ -15,7 +16,7 @@ mod yaml;
 
 pub use kind::{FileKind, Misplaced};
 
-/// Decodes a text in UTF-16 with a byte order mark. `None` if the bytes have no such mark.
+/// Decodes a text in UTF-16 with a byte order mark. `None` if the bytes do not begin with a byte order mark.
 pub(crate) fn wide(bytes: &[u8]) -> Option<String> {
     text::wide(bytes)
 }
@@ -23,7 +24,7 @@ pub(crate) fn wide(bytes: &[u8]) -> Option<String> {
 /// Number of bytes at the beginning of a file from which its kind is recognised.
 const HEAD: usize = 64 * 1024;
 
-/// First bytes of binary files.
+/// First bytes of binary files, each with the kind of file.
 const MAGIC: [(&[u8], FileKind); 15] = [
     (b"PAR1", FileKind::Parquet),
     (b"PK\x03\x04", FileKind::Workbook),
@@ -43,7 +44,7 @@ const MAGIC: [(&[u8], FileKind); 15] = [
 ];
 
 impl FileKind {
-    /// Recognises the kind of a file by its first bytes. `None` if it is none of the known kinds.
+    /// Recognises the kind of a file by its first bytes. `None` if the kind is unknown.
     pub fn of(bytes: &[u8]) -> Option<FileKind> {
         let head = &bytes[..bytes.len().min(HEAD)];
         if let Some((_, kind)) = MAGIC.iter().find(|(magic, _)| head.starts_with(magic)) {
@@ -54,15 +55,15 @@ impl FileKind {
         text::of_marks(&text).or_else(of_tables).or_else(|| yaml::of(&text))
     }
 
-    /// Recognises the kind of the file at this path. `None` if it cannot be read, or is none of the known kinds.
+    /// Recognises the kind of the file at this path. `None` if the file cannot be read, or if the kind is unknown.
     pub fn of_file(path: &Path) -> Option<FileKind> {
         let mut head = Vec::new();
         safe_file::open(path).ok()?.take(HEAD as u64).read_to_end(&mut head).ok()?;
         FileKind::of(&head)
     }
 
-    /// Returns the message about the file at this path if it is of another kind than `wanted`, or if it is a log whose
-    /// name has the ending of another format. `None` if the file may be of the kind `wanted`.
+    /// Returns a message if the file at this path is of another kind than `wanted`. Also returns a message for a log
+    /// whose file extension belongs to another format. `None` if the file may be of the kind `wanted`.
     pub fn mistake(path: &Path, wanted: FileKind) -> Option<String> {
         let kind = FileKind::of_file(path)?;
         let ending = path.extension().and_then(|ending| ending.to_str()).unwrap_or_default();

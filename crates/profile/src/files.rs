@@ -1,4 +1,4 @@
-//! Files that a profile names. The loader reads them from disk, from stored [`Sources`], or from memory.
+//! Reads the files that a profile names, from disk, from stored [`Sources`], or from memory.
 
 use std::collections::BTreeSet;
 use std::io::{Error, ErrorKind};
@@ -12,21 +12,21 @@ use crate::sources::{FileState, Sources, is_open_to_all, layer_name, names_in};
 /// Source of the files of one profile.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Files<'a> {
-    /// Files in the file system. The profile names them relative to its directory.
+    /// Files on disk. The profile names them relative to its own directory.
     Beside(&'a Disk<'a>),
-    /// Files of a profile that has been loaded before. Their content comes from [`Sources`], a file in which the loader
-    /// has stored everything that it read. The path is the directory of the profile.
+    /// Files of a profile that has been loaded before. Their content comes from [`Sources`], in which the loader stored
+    /// everything that it read. The path is the directory of the profile.
     Kept(&'a Path, &'a Sources),
-    /// Files in memory, by name.
+    /// Files in memory: names and contents.
     Inside(&'a [(&'a str, &'a [u8])]),
 }
 
 /// Whether the certificates and keys that a profile names must exist.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Certificates {
-    /// Certificates and keys must exist. A missing file is an error.
+    /// The certificates and keys must exist. A missing file is an error.
     Needed,
-    /// A missing certificate or key is no error, because it is created later.
+    /// The certificates and keys may be missing, because they are created later.
     ToBeMade,
 }
 
@@ -93,7 +93,7 @@ impl<'a> Disk<'a> {
 }
 
 impl Files<'_> {
-    /// Reads the text of a layer that is a file: the profile, or the `.local.toml` next to it.
+    /// Reads the text of a profile or of the `.local.toml` file next to it.
     ///
     /// # Errors
     /// The file does not exist, cannot be read, is too large, or is not UTF-8.
@@ -133,7 +133,7 @@ impl Files<'_> {
         }
     }
 
-    /// Returns whether this certificate or key does not exist yet, and is created later.
+    /// Returns whether this certificate or key is missing, and may be missing because it is created later.
     pub(crate) fn is_to_be_made(&self, name: &str) -> bool {
         matches!(self, Files::Beside(disk) if disk.certificates == Certificates::ToBeMade)
             && !self.is_there(name)
@@ -187,8 +187,8 @@ impl Files<'_> {
         }
     }
 
-    /// Recognises the kind of a file that cannot be read as what it should be, for example because it is too large.
-    /// `None` if it is none of the known kinds, or if the files are not on disk.
+    /// Recognises the kind of a file that could not be used, for example because it is too large. `None` if the kind is
+    /// unknown, or if the files are not on disk.
     pub(crate) fn kind(&self, name: &str) -> Option<FileKind> {
         match self {
             Files::Beside(disk) => FileKind::of_file(&disk.directory.join(name)),

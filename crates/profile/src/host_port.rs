@@ -1,20 +1,20 @@
-//! Host and port in profiles and commands: `host`, `host:502`, `[::1]`, `[::1]:502`.
+//! Parser for host and port in profiles and commands: `host`, `host:502`, `[::1]`, `[::1]:502`.
 
 use std::net::{IpAddr, Ipv6Addr};
 
 /// Reason why a text is not a host with an optional port.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum NoPlace {
-    /// The port is a number above 65535.
+    /// The port number is above 65535.
     PortTooLarge {
-        /// Host before the port.
+        /// Host part of the text, before the port.
         host: String,
     },
-    /// An IPv6 address has no brackets.
+    /// The text is an IPv6 address without brackets.
     Unbracketed {
-        /// Address without brackets.
+        /// IPv6 address without brackets.
         address: String,
-        /// Port after the address. `None` if the text has no port.
+        /// Port after the address. `None` if the text contains no port.
         port: Option<u16>,
     },
     /// The text is invalid for any other reason.
@@ -22,7 +22,7 @@ pub enum NoPlace {
 }
 
 impl NoPlace {
-    /// Returns the address that was probably meant, with the port `usual` if the text has no valid port. `None` if no
+    /// Returns the address that was probably meant. The port is `usual` if the text has no valid port. `None` if no
     /// address can be guessed.
     pub fn meant(&self, usual: u16) -> Option<String> {
         match self {
@@ -32,7 +32,7 @@ impl NoPlace {
         }
     }
 
-    /// Builds a hint with the address that was probably meant, which `written` formats. `None` if no address can be
+    /// Builds a hint with the address that was probably meant, formatted by `written`. `None` if no address can be
     /// guessed.
     pub fn help(&self, usual: u16, written: impl Fn(&str) -> String) -> Option<String> {
         let meant = written(&self.meant(usual)?);
@@ -69,7 +69,7 @@ pub fn host_and_port(text: &str) -> Result<(&str, Option<u16>), NoPlace> {
     }
 }
 
-/// Returns the reason why a text with several colons and without brackets is invalid.
+/// Returns why a text with several colons and without brackets is invalid.
 fn unbracketed(text: &str) -> NoPlace {
     let unbracketed = |address: &str, port| NoPlace::Unbracketed { address: address.to_owned(), port };
     match text.rsplit_once(':').filter(|(address, _)| is_ipv6(address)) {

@@ -1,4 +1,4 @@
-//! Indices of tables in a profile.
+//! Indices of buses, devices, axes, outputs and output sets in a profile.
 
 /// Index of a bus (one physical line) in the profile.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]

@@ -2,10 +2,10 @@
 
 use std::net::IpAddr;
 
-/// Network of IP addresses, or one address.
+/// Network of IP addresses. A single address is a network of one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct IpNetwork {
-    /// Any address of the network. An IPv4 address is never written as IPv6.
+    /// Any address of the network. An IPv4 address is never stored as IPv6.
     address: IpAddr,
     /// Number of leading bits that all addresses of the network share.
     prefix: u32,
@@ -49,7 +49,7 @@ impl IpNetwork {
         address.is_ipv4() == self.address.is_ipv4() && self.leading(address) == self.leading(self.address)
     }
 
-    /// Returns the leading bits of an address that the network compares.
+    /// Returns the first `prefix` bits of an address, which identify the network.
     fn leading(&self, address: IpAddr) -> u128 {
         let bits = match address {
             IpAddr::V4(address) => u128::from(address.to_bits()) << 96,

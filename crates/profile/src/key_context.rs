@@ -1,4 +1,4 @@
-//! Keys of a profile that is being checked, with functions for their errors and warnings.
+//! Context of a key of a profile that is being checked: its path, and functions for errors and warnings.
 //!
 //! A key context contains the names of the tables, but not the tables. A check that needs another table gets it as an
 //! argument.
@@ -16,8 +16,8 @@ use crate::tables::signal::unit::Unit;
 use crate::wording::counted;
 use isotherm_core::reading::SignalId;
 
-/// Shortest allowed period of reads, writes and decisions. A period of a microsecond would send 66,000 requests per
-/// second, and occupy the whole computer.
+/// Shortest allowed period of reads, writes and updates. A period of a microsecond would cause 66,000 requests per
+/// second, and use all the time of the computer.
 const SHORTEST_PERIOD: Duration = Duration::from_millis(1);
 
 /// Names of the tables of one kind, in the order of the file.
@@ -27,19 +27,19 @@ pub(crate) struct Names {
     places: HashMap<String, usize>,
 }
 
-/// Findings of a check in progress, the files that it reads, and the use of signals.
+/// Errors and warnings of a check in progress, the files that the check reads, and the signals that are used.
 pub(crate) struct Report<'a> {
     pub(crate) spans: &'a SourceMap,
     pub(crate) files: &'a Files<'a>,
     pub(crate) signals: Names,
     errors: RefCell<Findings>,
     warnings: RefCell<Findings>,
-    /// Whether each signal is used, by its index.
+    /// For each signal, by index: whether any table uses the signal.
     used: RefCell<Vec<bool>>,
-    /// Unit of each signal, by its index. Empty before the signals are resolved.
+    /// For each signal, by index: its unit. Empty before the signals are resolved.
     units: RefCell<Vec<Option<Unit>>>,
-    /// Tables that do not exist, by path: the index of the error about the table, and the number of other keys that name
-    /// it.
+    /// Names of tables that do not exist, by path. The first number is the index of the error about the table. The
+    /// second is the number of further keys that refer to the table.
     absent: RefCell<BTreeMap<String, (usize, usize)>>,
 }
 
@@ -50,7 +50,8 @@ pub(crate) struct KeyContext<'c> {
     pub(crate) path: String,
 }
 
-/// Resolves an optional part. `Some(None)` if it is not written; `None` if it has errors.
+/// Resolves an optional part. Returns `Some(None)` if the profile does not contain the part, and `None` if the part has
+/// errors.
 pub(crate) fn optional<R, T>(raw: Option<R>, resolve: impl FnOnce(R) -> Option<T>) -> Option<Option<T>> {
     raw.map_or(Some(None), |raw| resolve(raw).map(Some))
 }
@@ -88,7 +89,7 @@ impl<'a> Report<'a> {
         *self.units.borrow_mut() = units;
     }
 
-    /// Whether each signal is used, by its index.
+    /// Returns for each signal, by index, whether any table uses the signal.
     pub(crate) fn used(&self) -> Vec<bool> {
         self.used.borrow().clone()
     }
@@ -102,24 +103,24 @@ impl<'a> Report<'a> {
         (errors, self.warnings.into_inner())
     }
 
-    /// Returns a key at the top of the profile.
+    /// Returns the context of a key at the top level of the profile.
     pub(crate) fn at(&self, key: &str) -> KeyContext<'_> {
         KeyContext { report: self, path: String::new() }.key(key)
     }
 }
 
 impl<'c> KeyContext<'c> {
-    /// Returns a key at the top of the profile.
+    /// Returns the context of a key at the top level of the profile.
     pub(crate) fn top(&self, key: &str) -> KeyContext<'c> {
         self.report.at(key)
     }
 
-    /// Returns a key of this table.
+    /// Returns the context of a key in this table.
     pub(crate) fn key(&self, key: &str) -> KeyContext<'c> {
         KeyContext { report: self.report, path: child(&self.path, key) }
     }
 
-    /// Returns an entry of this list.
+    /// Returns the context of the entry of this list at an index.
     pub(crate) fn item(&self, index: usize) -> KeyContext<'c> {
         KeyContext { report: self.report, path: element(&self.path, index) }
     }
@@ -134,14 +135,14 @@ impl<'c> KeyContext<'c> {
         self.report.spans.contains(&self.path)
     }
 
-    /// Returns whether this key is missing, and no error about it has been reported. Then it has not been written, no
-    /// template has set it, and no misspelt key probably means it.
+    /// Returns whether this key is missing and no error about this has been reported. Then the key has not been
+    /// written, no template has set the key, and no misspelt key probably means it.
     pub(crate) fn is_left_out(&self) -> bool {
         let spans = self.report.spans;
         !self.is_written() && !spans.is_right(&self.path) && !spans.is_meant(&self.path)
     }
 
-    /// Returns the place for messages, for example `profiles/x.toml:41`.
+    /// Returns the position of the key for messages, for example `profiles/x.toml:41`.
     pub(crate) fn line(&self) -> String {
         self.report.spans.line_of(&self.path)
     }
@@ -160,7 +161,7 @@ impl<'c> KeyContext<'c> {
         None
     }
 
-    /// Returns whether an error is only counted, because the limit of described errors is reached. It is counted here.
+    /// Returns whether the list of errors is full. If so, counts one more error, and the caller need not describe it.
     pub(crate) fn is_enough(&self) -> bool {
         let mut errors = self.report.errors.borrow_mut();
         let is_full = errors.is_full();
@@ -178,15 +179,16 @@ impl<'c> KeyContext<'c> {
         self.error(self.report.spans.at_key(&self.path, message, Some(help.into())));
     }
 
-    /// Reports a key that this combination requires, if it is missing. If it has a wrong value, that has been reported
-    /// already.
+    /// Reports an error if this key, which other keys require, is missing. Does nothing if the key has a wrong value,
+    /// because that error has been reported already.
     pub(crate) fn missing(&self, message: impl Into<String>, help: impl Into<String>) {
         if self.is_left_out() {
             self.wrong_key(message, help);
         }
     }
 
-    /// Reports keys of this table that belong to something else.
+    /// Reports each of these keys that the table has. `owner` is the kind of table that may have them, for example "an
+    /// OPC UA server".
     pub(crate) fn not_applicable(&self, keys: &[&str], owner: &str, help: &str) {
         for key in keys.iter().filter(|key| self.has(key)) {
             self.key(key).wrong_key(format!("`{key}` is only for {owner}"), help);
@@ -219,7 +221,7 @@ impl<'c> KeyContext<'c> {
         self.report.warnings.borrow_mut().push(warning);
     }
 
-    /// Returns the index of the table with this name.
+    /// Returns the index of the table with this name. If the table does not exist, reports an error and returns `None`.
     pub(crate) fn named(&self, names: &Names, name: Option<&String>) -> Option<usize> {
         let name = name?;
         if let Some(found) = names.place(name) {
@@ -243,7 +245,8 @@ impl<'c> KeyContext<'c> {
         self.reject(format!("there is no {} named `{name}`", names.kind), help)
     }
 
-    /// Returns the signal with this name, and marks it as used.
+    /// Returns the signal with this name and marks it as used. If the signal does not exist, reports an error and
+    /// returns `None`.
     pub(crate) fn signal(&self, name: Option<&String>) -> Option<SignalId> {
         let found = SignalId(self.named(&self.report.signals, name)?);
         self.uses(found);
@@ -260,7 +263,7 @@ impl<'c> KeyContext<'c> {
         self.report.units.borrow().get(signal.0).copied().flatten()
     }
 
-    /// Returns the signal with this name, which must be a position in mm.
+    /// Returns the signal with this name. Reports an error if the signal does not exist, or is not a position in mm.
     pub(crate) fn position(&self, name: Option<&String>) -> Option<SignalId> {
         let position = self.signal(name)?;
         let name = name?;
@@ -278,7 +281,7 @@ impl<'c> KeyContext<'c> {
         unit.is_some_and(|unit| matches!(unit.0, "degC" | "K"))
     }
 
-    /// Returns a duration, which must not be zero.
+    /// Returns the duration. If it is zero, reports an error and returns `None`.
     pub(crate) fn duration(&self, raw: Option<Timespan>) -> Option<Duration> {
         let Timespan(span) = raw?;
         if span.is_zero() {
@@ -287,7 +290,8 @@ impl<'c> KeyContext<'c> {
         Some(span)
     }
 
-    /// Returns the period of a read or write. A shorter period than allowed would occupy the line and the computer.
+    /// Returns the period of a read or write. If it is too short, reports an error and returns `None`, because such a
+    /// period would overload the line and the computer.
     pub(crate) fn period(&self, raw: Option<Timespan>) -> Option<Duration> {
         let span = self.duration(raw)?;
         if span < SHORTEST_PERIOD {
@@ -298,7 +302,7 @@ impl<'c> KeyContext<'c> {
         Some(span)
     }
 
-    /// Returns a number, which must be positive.
+    /// Returns the number. If it is not above zero, reports an error and returns `None`.
     pub(crate) fn positive(&self, number: Option<f64>) -> Option<f64> {
         let number = number?;
         if number <= 0.0 {
@@ -307,7 +311,7 @@ impl<'c> KeyContext<'c> {
         Some(number)
     }
 
-    /// Returns the content of the file with this name.
+    /// Returns the content of the file with this name. If it cannot be read, reports an error and returns `None`.
     pub(crate) fn file(&self, name: &str, help: &str) -> Option<Vec<u8>> {
         self.report.files.read(name).map_err(|why| self.invalid(why, help)).ok()
     }

@@ -1,5 +1,4 @@
-//! Kinds of buses, one folder or file each: their keys and addresses, their checks, their read requests, and their
-//! preview.
+//! Kinds of buses, each with a folder or file of its own: keys and addresses, checks, read requests, and preview.
 //!
 //! A new kind is a file next to the others and a line in [`KINDS`].
 
@@ -13,11 +12,11 @@ pub(crate) mod opcua;
 mod serial_ascii;
 mod sysfs;
 
-/// All kinds of buses. A line whose type has an error counts as one of the first kind.
+/// All kinds of buses. A line with an invalid type is treated as the first kind.
 pub(crate) static KINDS: [&BusKind; 5] =
     [&modbus::KIND, &can::KIND, &opcua::KIND, &sysfs::KIND, &serial_ascii::KIND];
 
-/// Returns the kind of a line with this transport, and its type.
+/// Returns the kind and the type of the lines that use this transport.
 pub(crate) fn of(transport: Transport) -> (&'static BusKind, &'static LineType) {
     let typed = |kind: &'static BusKind| Some((kind, kind.line_type(transport.bus_type())?));
     KINDS.into_iter().find_map(typed).unwrap_or((KINDS[0], &KINDS[0].types[0]))

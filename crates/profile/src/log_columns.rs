@@ -1,5 +1,5 @@
-//! Names of the columns of a log. A signal or an axis with such a name would give the log two columns of one name, and
-//! no program could read it again.
+//! Names of the columns of a log. A signal or an axis must not have such a name: a log would contain two columns with the
+//! same name, and no program could read that log.
 
 use std::collections::BTreeMap;
 
@@ -38,20 +38,20 @@ pub const OF_AXIS: [&str; 22] = [
 /// Columns of the whole machine.
 pub const OF_MACHINE: [&str; 4] = ["machine_memory", "machine_zero", "machine_clock", "machine_dry_run"];
 
-/// Name that would give a log two columns of the same name.
+/// Name of a signal or an axis that would give the log two columns of the same name, or a column of the wrong meaning.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) enum Clash {
-    /// Signal with the name of the first column, or of a column of the machine.
+    /// The signal has the name of the first column, or of a column of the whole machine.
     OfMachine { signal: String },
-    /// Signal with the name of a column of an axis.
+    /// The signal has the name of a column of an axis.
     OfAxis { signal: String, axis: String },
-    /// Signal whose column a reader of logs would take for the dates of the times.
+    /// The signal has a name, such as `datum`, that a reader of logs takes for a column of dates.
     OfDates { signal: String },
-    /// Axis that has a column of the same name as an axis before it.
+    /// The axis has a column with the same name as a column of an earlier axis.
     Axes { axis: String, other: String, column: String },
 }
 
-/// Finds all clashes between the names of signals and axes, signals first.
+/// Finds the names of signals and axes that clash with other columns. Clashes of signals come first.
 pub(crate) fn clashes(signals: &[String], axes: &[String]) -> Vec<Clash> {
     let mut owners: BTreeMap<String, &String> = BTreeMap::new();
     let mut between = Vec::new();
@@ -84,7 +84,7 @@ pub(crate) fn clashes(signals: &[String], axes: &[String]) -> Vec<Clash> {
     signals.iter().filter_map(of_signal).chain(between).collect()
 }
 
-/// Returns whether a column with this name, next to the times of a log, contains dates, such as `datum`.
+/// Returns whether a reader of logs takes a column with this name, such as `datum`, for a column of dates.
 fn is_of_dates(name: &str) -> bool {
     TimeColumns::find(&[TIME.to_owned(), name.to_owned()], None).is_some_and(|found| found.date.is_some())
 }

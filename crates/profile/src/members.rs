@@ -1,8 +1,9 @@
-//! Members of owners, such as the signals of each device. They are found without a search through all of them.
+//! Lists of members by owner, such as the signals of each device. Lookups need no search through all members.
 
 use std::sync::OnceLock;
 
-/// Members of each owner, by index: signals of devices, or devices of buses.
+/// Members by the index of their owner, for example the signals of each device. Each pair is the index of the owner and
+/// of the member.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Members(Vec<(usize, usize)>);
 
@@ -24,7 +25,7 @@ impl Members {
     }
 }
 
-/// Devices of each bus and signals of each device. They are collected when they are first needed.
+/// Devices of each bus, and signals of each device. The lists are built when they are first needed.
 ///
 /// A clone collects them again, because its tables may be changed before that.
 #[derive(Debug, Default)]
@@ -37,7 +38,7 @@ pub(crate) struct Lists {
 }
 
 impl ProfileMembers {
-    /// Returns the lists, which `collect` makes at the first call.
+    /// Returns the lists. The first call builds them with `collect`.
     pub(crate) fn lists(&self, collect: impl FnOnce() -> Lists) -> &Lists {
         self.0.get_or_init(collect)
     }
@@ -49,7 +50,7 @@ impl Clone for ProfileMembers {
     }
 }
 
-/// The lists follow from the tables, so they never differ by themselves.
+/// Always equal: the lists are calculated from the tables of the profile, which are compared themselves.
 impl PartialEq for ProfileMembers {
     fn eq(&self, _: &ProfileMembers) -> bool {
         true

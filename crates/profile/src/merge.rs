@@ -1,4 +1,5 @@
-//! Merging of the layers: tables are merged, everything else is replaced by the later layer.
+//! Merges the layers of a profile. Tables are merged key by key. Every other value is replaced by the value of the
+//! later layer.
 //!
 //! The crate `config` is used only for merging. Its conversions would turn "100" into 100, and 3.7 into 4 if an integer
 //! is required. Therefore each layer is checked against the schema before, and the result is not converted. `config`

@@ -1,5 +1,5 @@
-//! Keys that layers above a profile (local file, environment, `--set`) set. The gateway reports them together with its
-//! settings.
+//! Finds the keys that a layer above the profile sets (local file, environment, `--set`). The gateway reports them
+//! together with its settings.
 
 use std::collections::BTreeSet;
 use std::fmt;
@@ -17,7 +17,7 @@ const LONGEST: usize = 80;
 /// Key set by a layer above the profile.
 #[derive(Clone, Debug, PartialEq, Eq, JsonSchema, Serialize)]
 pub struct Overridden {
-    /// Path of the key, for example `axis.z.limit`. If a file sets a whole table that the profile does not have, the
+    /// Path of the key, for example `axis.z.limit`. If a file sets a whole table that the profile lacks, this is the
     /// path of the table.
     pub key: String,
     /// Value in the profile. `None` if the profile does not have the key.
@@ -76,7 +76,7 @@ impl Above<'_> {
     }
 }
 
-/// Collects the keys of a layer. If a file has a whole table that the profile does not have, the table counts as one
+/// Collects the keys that one layer sets. If the layer is a file, a whole table that the profile lacks counts as one
 /// key.
 fn gather(
     keys: &mut Vec<String>,
@@ -97,8 +97,8 @@ fn gather(
     }
 }
 
-/// Returns whether a path that begins with an allowed key names this key itself, or a key inside it. `rest` is the path
-/// after the allowed key.
+/// Returns whether a path names an allowed key or a key inside it. `rest` is the part of the path after the allowed
+/// key.
 fn is_subkey(rest: &str) -> bool {
     rest.is_empty() || rest.starts_with('.')
 }

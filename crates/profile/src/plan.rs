@@ -24,8 +24,8 @@ mod request;
 pub(crate) use request::numbered;
 pub use request::{Field, FieldContent, ReadRequest, ReadTarget, Subscription, summary};
 
-/// Plans the fewest requests that read these signals of one device, in the order of tables and addresses. A request with
-/// the scale of a value in another request comes later.
+/// Plans the fewest requests that read these signals of one device, in the order of tables and addresses. Requests that
+/// contain the scale of a value in another request come last.
 ///
 /// A value of several registers is never split, even if it is longer than the device's limit.
 pub fn plan<'a>(

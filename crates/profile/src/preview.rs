@@ -1,4 +1,4 @@
-//! Preview of a valid profile in sentences and figures: what the gateway reads, what it writes, and how each axis
+//! Preview of a valid profile in sentences and numbers: the values that the gateway reads and writes, and how each axis
 //! moves.
 //!
 //! The operator reads the preview before the gateway is connected to a machine. For programs, the same content is

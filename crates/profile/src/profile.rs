@@ -120,13 +120,13 @@ impl Profile {
         &self.axes[id.0]
     }
 
-    /// Returns whether an axis does not compensate, but only returns a register that outputs no longer use to its value
-    /// without Cz.
+    /// Returns whether an axis only removes Cz from a register that no output uses any longer. Such an axis does not
+    /// compensate.
     pub fn is_release(&self, id: AxisId) -> bool {
         self.axis(id).purpose == Purpose::Release
     }
 
-    /// Number of the axes that compensate. These axes come first in the list.
+    /// Returns the number of axes that compensate. These axes come first in the list.
     pub fn compensated(&self) -> usize {
         self.axes.iter().take_while(|axis| axis.purpose == Purpose::Compensation).count()
     }
@@ -141,7 +141,8 @@ impl Profile {
         &self.sets[id.0]
     }
 
-    /// CANopen objects of a device that checks, signals and outputs use. Each occurs once, in this order.
+    /// Returns the CANopen objects of a device: first those of checks, then those of signals, then those of outputs.
+    /// Each occurs once.
     pub fn objects(&self, device: DeviceId) -> Vec<Object> {
         let object =
             |address: &Address| if let Address::Object(object) = address { Some(*object) } else { None };

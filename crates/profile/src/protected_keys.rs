@@ -1,4 +1,5 @@
-//! Keys that a layer above the profile must not change, unless the profile allows it by `[machine] allow_override`.
+//! Protects keys of the profile: a layer above it must not change them, unless the profile allows this with `[machine]
+//! allow_override`.
 //!
 //! The schema states for each key or table, as `x-layers`, what a layer may do:
 //!
@@ -25,7 +26,8 @@ use crate::wording::allowing_line;
 
 /// Keyword of the JSON schema that states the rule of a key.
 const MARK: &str = "x-layers";
-/// Key with the models of an axis. Some keys of a model have a rule, because the control itself applies their values.
+/// Key with the models of an axis. Some keys inside a model have a rule of their own, because the control itself
+/// applies their values.
 const MODELS: &str = "model";
 const ARM: &str = "machine.arm";
 
@@ -46,8 +48,8 @@ pub(crate) struct Refusal {
     error: ProfileError,
 }
 
-/// Returns the rule of a key or table in the schema. `Some(None)` if the schema exempts the key from the rule of its
-/// table. `None` if the schema states no rule.
+/// Returns the rule that the schema states for a key or table. `Some(None)` if the schema exempts the key from the rule
+/// of its table. `None` if the schema states nothing.
 fn rule(schema: &Value) -> Option<Option<Rule>> {
     match schema.get(MARK)?.as_str()? {
         "less" => Some(Some(Rule::Less)),
@@ -75,7 +77,7 @@ fn table_of<'a>(root: &'a Value, kind: &str) -> Option<(&'a Value, bool)> {
     Some((named.unwrap_or(schema), named.is_some()))
 }
 
-/// Returns the parts of a value whose keys have rules. `None` if there are none.
+/// Returns a copy of a value that contains only keys with a rule. `None` if there are none.
 fn marked(root: &Value, schema: &Value, value: &Value) -> Option<Value> {
     match value {
         Value::Object(table) => {
@@ -144,21 +146,21 @@ pub(crate) fn refused(root: &Value, profile: &Value, layer: &Value, spans: &Sour
     guards.refused
 }
 
-/// Returns as errors the refused keys that influence the data sent to this machine. `merged` is the profile with all
-/// layers and the keys of templates.
+/// Returns the errors for those refused keys that influence the data sent to this machine. `merged` is the profile with
+/// all layers and the keys of templates.
 pub(crate) fn that_count(refused: Vec<Refusal>, profile: &Value, merged: &Value) -> Vec<ProfileError> {
     let machines = [profile, merged].map(Influence::of);
     let counts = |one: &Refusal| machines.iter().any(|machine| machine.has(one));
     refused.into_iter().filter(counts).map(|one| one.error).collect()
 }
 
-/// Names of the tables whose keys influence the data that the machine receives.
+/// Names of the devices, signals and axes whose keys influence the data that the machine receives.
 struct Influence<'a> {
-    /// Devices to which the gateway writes, and those of the signals below.
+    /// Devices to which the gateway writes, and devices of the signals in `signals`.
     devices: HashSet<&'a str>,
-    /// Positions that an output corrects, and signals before whose reads a register is written.
+    /// Positions that an output corrects, and signals for which the gateway writes a capture command before each read.
     signals: HashSet<&'a str>,
-    /// Axes whose model the control applies itself.
+    /// Axes whose correction the control itself calculates, from intercept, slope and reference position.
     axes: HashSet<&'a str>,
 }
 
@@ -182,7 +184,7 @@ impl<'a> Influence<'a> {
         Influence { devices, signals, axes }
     }
 
-    /// Returns whether the key influences the data that the machine receives.
+    /// Returns whether the refused key influences the data that the machine receives.
     fn has(&self, Refusal { kind, name, key, .. }: &Refusal) -> bool {
         match (kind.as_str(), key.as_str()) {
             ("device", _) => self.devices.contains(name.as_str()),
@@ -236,7 +238,7 @@ impl Guards<'_> {
         }
     }
 
-    /// Refuses a value, or each key of a table, that differs from the profile.
+    /// Refuses a value that differs from the profile. For a table, checks each key in it.
     fn same(&mut self, rule: Rule, guard: (&str, &str), path: &str, profile: Option<&Value>, value: &Value) {
         match (profile, value) {
             (own, Value::Object(table)) if own.is_none_or(Value::is_object) && !table.is_empty() => {

@@ -1,5 +1,5 @@
-//! Files named by a user. They are opened so that the program never blocks on a pipe without a writer, a device without
-//! an end, or a directory.
+//! Opens files that a user names. The program never blocks on a pipe without a writer, an endless device file, or a
+//! directory.
 
 use std::borrow::Cow;
 use std::fs::{File, FileType, Metadata, OpenOptions};
@@ -100,8 +100,8 @@ pub fn cut(text: &str, most: usize) -> Cow<'_, str> {
     }
 }
 
-/// Reads the first line. Returns it with a reader of the whole input, in which every line ends with a line feed. Of a
-/// line that is longer than [`LONGEST_ROW`], only the beginning is returned.
+/// Reads the first line. Returns that line and a reader of the whole input, which ends every line with a line feed. If
+/// the line is longer than [`LONGEST_ROW`], only its beginning is returned.
 ///
 /// # Errors
 /// Those of the reader.
@@ -113,14 +113,14 @@ pub fn first_line<R: Read>(input: R) -> io::Result<(String, Lines<R>)> {
     Ok((text, Lines { input: Cursor::new(first).chain(reader), last: b'\n', open: 0 }))
 }
 
-/// Reader that ends every line with a line feed, because programs count other line ends differently. The reader rejects
-/// a row that is longer than [`LONGEST_ROW`].
+/// Reader that converts every line end to a line feed, because programs count other line ends differently. A row longer
+/// than [`LONGEST_ROW`] is an error.
 #[derive(Debug)]
 pub struct Lines<R> {
     input: Chain<Cursor<Vec<u8>>, BufReader<R>>,
     /// Last byte that was read.
     last: u8,
-    /// Number of bytes read since the end of the last row.
+    /// Number of bytes read since the last row ended.
     open: usize,
 }
 

@@ -1,4 +1,4 @@
-//! Check of one layer against the JSON schema: unknown keys, wrong types, unknown words, invalid numbers. Values are
+//! Checks one layer against the JSON schema: unknown keys, wrong types, unknown words, invalid numbers. Values are
 //! never converted. Wrong values are reported and left out, so that the other values can still be checked.
 
 use serde_json::{Map, Value};
@@ -12,12 +12,14 @@ use crate::source_map::{SourceMap, child, element};
 use crate::syntax_errors::{SyntaxError, independent};
 use crate::tables::signal::unit::{Scaling, Unit};
 
-/// Largest number of entries in a list. The limit bounds the duration of a step, which computes every term of a model.
+/// Maximum number of entries in a list. Each update of an axis computes every term of a model, so the limit bounds the
+/// duration of an update.
 const MOST_ITEMS: usize = 10_000;
-/// Largest number of commas in a file. The TOML reader needs eighty times the length of a list of short values in memory.
+/// Maximum number of commas in a file. In memory, the TOML reader needs eighty times the size of a list of short
+/// values.
 const MOST_COMMAS: usize = 500_000;
-/// Size in bytes of the largest file of which all syntax errors are reported. The TOML reader needs three hundred times
-/// the length of a file that consists of such errors in memory.
+/// Largest file, in bytes, for which all syntax errors are reported. In memory, the TOML reader needs three hundred
+/// times the size of a file that consists of such errors.
 const MOST_SEARCHED: usize = 1_000_000;
 
 /// Check of one layer of the profile against the JSON schema.
@@ -114,7 +116,7 @@ impl SchemaCheck<'_> {
         Value::Object(right)
     }
 
-    /// Records the known key that an unknown key probably means, and the keys of its table.
+    /// Marks the known key that an unknown key probably means, and all keys inside that table.
     fn mark_meant(&mut self, path: String, value: &DeValue<'_>) {
         if let DeValue::Table(table) = value {
             for (key, value) in table.iter() {
@@ -124,7 +126,7 @@ impl SchemaCheck<'_> {
         self.spans.mark_meant(path);
     }
 
-    /// Returns the value if the schema allows it. Otherwise reports the mistake.
+    /// Returns the value if the schema allows it. Otherwise reports the mistake and returns `None`.
     pub(crate) fn value(&mut self, schema: &Value, path: &str, value: Spanned<DeValue<'_>>) -> Option<Value> {
         let described = schema;
         let at = value.span().start;
@@ -171,7 +173,7 @@ impl SchemaCheck<'_> {
         None
     }
 
-    /// Returns the list if all its entries are valid.
+    /// Returns the list if all its entries are valid. Otherwise reports the mistakes and returns `None`.
     fn list(&mut self, schema: &Value, path: &str, at: usize, items: DeArray<'_>) -> Option<Value> {
         self.spans.forget_inside(path);
         if items.len() > MOST_ITEMS {
@@ -198,8 +200,8 @@ impl SchemaCheck<'_> {
         }
     }
 
-    /// Returns the alternative of a schema (`anyOf`) that allows the type of a value. Without alternatives, returns the
-    /// schema itself.
+    /// Returns the alternative of a schema (`anyOf`) that allows the type of this value. If the schema has no
+    /// alternatives, returns the schema itself.
     fn choice<'s>(schema: &'s Value, value: &DeValue<'_>) -> &'s Value {
         let Some(choices) = schema.get("anyOf").and_then(Value::as_array) else { return schema };
         let fits = |choice: &&Value| {
@@ -297,8 +299,8 @@ fn wrong_text(schema: &Value, is_duration: bool, text: &str, beside: Scaling) ->
     Some((format!("`{text}` is no duration: {why}"), help.to_owned()))
 }
 
-/// Builds a hint with the profile's word for a name that OPC UA uses, such as `Float` or `Basic256Sha256`. `None` for
-/// any other text.
+/// Suggests the word of the profile for a name that OPC UA uses, such as `Float` or `Basic256Sha256`. `None` for any
+/// other text.
 fn meant(text: &str, words: &[&str]) -> Option<String> {
     const TYPES: [(&str, &str); 11] = [
         ("Boolean", "bool"),
@@ -329,7 +331,8 @@ fn meant(text: &str, words: &[&str]) -> Option<String> {
     })
 }
 
-/// Suggests the brackets of a header, if a table was written in the place of a list of tables, or the other way round.
+/// Suggests the correct header brackets if the profile has a table instead of a list of tables, or a list instead of a
+/// table. `None` for other mistakes.
 fn headed(root: &Value, schema: &Value, path: &str, found: &DeValue<'_>) -> Option<String> {
     let wanted = types(root, schema);
     let of_tables = || {
@@ -350,8 +353,8 @@ fn headed(root: &Value, schema: &Value, path: &str, found: &DeValue<'_>) -> Opti
     }
 }
 
-/// Suggests how to write a table, if the profile has a different value at its place. The suggestion contains the
-/// required keys. If that value is an allowed word of a key, the suggestion contains this word.
+/// Suggests how to write a table if the profile has another value in its place. The suggestion lists the required keys.
+/// If the value is an allowed word of a key, the suggestion uses it.
 fn written(root: &Value, schema: &Value, path: &str, found: &DeValue<'_>) -> Option<String> {
     if types(root, schema) != ["object"] {
         return None;
@@ -390,7 +393,7 @@ fn written(root: &Value, schema: &Value, path: &str, found: &DeValue<'_>) -> Opt
     })
 }
 
-/// Suggests a decimal point if the line contains a decimal comma: `limit = 40,0`.
+/// Suggests a decimal point if the line contains a decimal comma: `limit = 40,0`. `None` for other lines.
 fn decimal_comma(text: &str, at: usize) -> Option<String> {
     let begin = text.get(..at)?.rfind('\n').map_or(0, |end| end + 1);
     let line = text.get(begin..)?.lines().next()?;
@@ -402,7 +405,7 @@ fn decimal_comma(text: &str, at: usize) -> Option<String> {
     is_number.then(|| format!("write a decimal point: {whole}.{fraction}"))
 }
 
-/// Returns the allowed range if a number is outside of it.
+/// Returns the allowed range as text if the number is outside of the range.
 fn bounds(schema: &Value, number: i64) -> Option<String> {
     let bound = |name| schema.get(name).and_then(Value::as_i64);
     let (least, most) = (bound("minimum"), bound("maximum"));

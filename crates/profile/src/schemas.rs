@@ -13,11 +13,11 @@ pub(crate) struct Schemas {
     template: OnceLock<Value>,
 }
 
-/// Schemas that are kept, because generating them takes longer than reading a small profile.
+/// Schemas that are generated once and then kept, because generating them takes longer than reading a small profile.
 static KEPT: LazyLock<Schemas> = LazyLock::new(Schemas::new);
 
 impl Schemas {
-    /// Generates the schemas. That of a template is generated when it is used.
+    /// Generates the schema of a profile. The schema of a template is generated when it is first used.
     pub(crate) fn new() -> Schemas {
         Schemas { profile: of_profile(), template: OnceLock::new() }
     }

@@ -1,4 +1,4 @@
-//! Place of each key of the merged profile: layer, line and column.
+//! Maps each key of the merged profile to its source position: layer, line and column.
 
 use std::borrow::Cow;
 use std::collections::{BTreeMap, BTreeSet, HashMap};
@@ -21,8 +21,8 @@ struct Layer {
 }
 
 impl Layer {
-    /// Returns line and column of a byte, counted from 1, and an excerpt of the line with the position of the caret in
-    /// it. `None` if the layer is not a file.
+    /// Returns line and column of a byte, counted from 1. Also returns an excerpt of the line, with the position of the
+    /// byte in it. `None` if the layer is not a file.
     fn locate(&self, byte: usize) -> Option<(usize, usize, (String, usize))> {
         let (text, lines) = self.text.as_ref()?;
         let byte = if text.is_char_boundary(byte) { byte } else { text.len() };
@@ -53,7 +53,8 @@ pub(crate) fn around(line: &str, byte: usize) -> (String, usize) {
     (shown, caret)
 }
 
-/// Place of one key. Its numbers have 32 bits to save memory, because a large machine has a hundred thousand keys.
+/// Source position of one key. The numbers have 32 bits to save memory, because a large machine has a hundred thousand
+/// keys.
 #[derive(Clone, Debug)]
 struct Span {
     layer: u32,
@@ -61,7 +62,7 @@ struct Span {
     key: (u32, u32),
     /// First byte of the value, and the byte after its last one.
     value: (u32, u32),
-    /// Layer and byte at which the key occurred first. They determine the order of the tables.
+    /// Layer and byte at which the key first occurred. Tables are sorted by this rank.
     rank: (u32, u32),
     /// Whether the value of this key in the merged profile has the correct type.
     is_right: bool,
@@ -82,19 +83,21 @@ fn large(number: u32) -> usize {
     usize::try_from(number).unwrap_or(usize::MAX)
 }
 
-/// Places of all keys by path. If a later layer sets a key again, its place is replaced, but not its rank in the order.
+/// Source positions of all keys, by path. If a later layer sets a key again, the position is replaced, but the rank
+/// stays.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct SourceMap {
     layers: Vec<Layer>,
-    /// Places of the keys that are in no list, which are almost all.
+    /// Positions of the keys that are not inside a list. Almost all keys are of this kind.
     keys: HashMap<Box<str>, Span>,
-    /// Places of the entries of lists and of the keys in them. They are sorted, so that a list can be removed.
+    /// Positions of list entries and of the keys inside them. They are sorted, so that all positions of one list can be
+    /// removed.
     in_lists: BTreeMap<Box<str>, Span>,
-    /// Valid keys without a place, which a template added.
+    /// Valid keys that a template added, and that have no position.
     brought: BTreeSet<String>,
     /// Known keys that an unknown key probably means, and that are therefore not reported as missing.
     meant: BTreeSet<String>,
-    /// Texts that describe the origin of values that no layer contains, by the path of the key.
+    /// For values that no layer contains: a text about their origin, by the path of the key.
     notes: BTreeMap<String, String>,
 }
 
@@ -157,15 +160,15 @@ impl SourceMap {
         }
     }
 
-    /// Records a key that no layer contains. Its place is that of the key `of`, which added it. `note` describes its
-    /// origin.
+    /// Records a key that no layer contains. The key gets the position of the key `of`, which caused the addition.
+    /// `note` describes the origin.
     pub(crate) fn fill_in(&mut self, path: &str, of: &str, note: &str) {
         let Some(span) = self.span(of).cloned() else { return };
         self.put(path, span);
         self.notes.insert(path.to_owned(), note.to_owned());
     }
 
-    /// Removes the places inside a list, because a later layer replaces the whole list.
+    /// Removes the positions inside a list, because a later layer replaces the whole list.
     pub(crate) fn forget_inside(&mut self, path: &str) {
         let inside = format!("{path}[");
         let after = self.in_lists.range(Box::from(&*inside)..).map(|(known, _)| known);
@@ -175,7 +178,7 @@ impl SourceMap {
         }
     }
 
-    /// Marks a value of the merged profile, and everything in it, as valid.
+    /// Marks a value of the merged profile as valid, with all values inside it.
     pub(crate) fn mark_right(&mut self, path: &str, value: &Value) {
         let span = if is_in_list(path) { self.in_lists.get_mut(path) } else { self.keys.get_mut(path) };
         match (span, path) {
@@ -206,7 +209,8 @@ impl SourceMap {
         self.span(path).is_some()
     }
 
-    /// Returns layer and byte at which a key occurred first. An unknown key comes after all others.
+    /// Returns layer and byte at which a key first occurred. For a key without a position, returns a rank after all
+    /// others.
     pub(crate) fn rank(&self, path: &str) -> (usize, usize) {
         let rank = self.span(path).map(|span| (large(span.rank.0), large(span.rank.1)));
         rank.unwrap_or((usize::MAX, 0))
@@ -281,7 +285,7 @@ impl SourceMap {
         }
     }
 
-    /// Formats the place of a key for a message about another key: `profiles/x.toml:41`.
+    /// Formats the position of a key for a message about another key: `profiles/x.toml:41`.
     pub(crate) fn line_of(&self, path: &str) -> String {
         let found = self.enclosing(path).map(Span::begin);
         let found = found.and_then(|(layer, byte)| Some((self.layers.get(layer)?, byte)));

@@ -25,7 +25,7 @@ pub const SOURCES_MARK: &str = "isotherm-sources ";
 const FORM: &str = "isotherm-sources 1\n";
 /// Longest line of a sources file, in bytes. Long lines are those that list the names in a directory.
 const LONGEST_LINE: u64 = 16 * 1024 * 1024;
-/// Permission bits of other users: reading or writing.
+/// Permission bits by which all users may read or write a file.
 const OF_OTHERS: u32 = 0o006;
 
 /// Layers of the profile that are not files: environment variables and options `--set`.
@@ -35,7 +35,7 @@ struct Layers {
     settings: Vec<(String, String)>,
 }
 
-/// State in which the loader found a file or a directory.
+/// State of a file or a directory when the loader read it.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub(crate) enum FileState {
@@ -47,7 +47,7 @@ pub(crate) enum FileState {
         bytes: u64,
         open_to_all: bool,
     },
-    /// Names of the files with a certain ending in a directory, without this ending.
+    /// Names in a directory that have a certain ending. The names are stored without the ending.
     Names(Vec<String>),
 }
 
@@ -57,7 +57,7 @@ struct Record {
     found: FileState,
 }
 
-/// Stamp of a file or a directory. If one of its values differs, the file has changed.
+/// Values by which a change of a file or directory is detected: modification time, device and inode, size.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct FileStamp {
     modified: (i64, i64),
@@ -80,13 +80,13 @@ impl FileStamp {
 #[derive(Debug)]
 pub struct Sources {
     file: File,
-    /// Position after the last record.
+    /// Position in `file` after the last record.
     end: u64,
     layers: Layers,
     /// States of the files, by name relative to the directory of the profile. Each has the position of the content in
     /// `file`.
     known: BTreeMap<String, (FileState, u64)>,
-    /// First failed write, which [`Sources::finish`] returns. The sources are then incomplete.
+    /// First write error. [`Sources::finish`] returns this error, because the sources are then incomplete.
     failed: Option<Error>,
 }
 
@@ -135,7 +135,7 @@ impl Sources {
         Ok(Sources { file, end, layers, known, failed: None })
     }
 
-    /// Returns the file of complete sources, and its length.
+    /// Returns the file with the complete sources, and its length in bytes.
     ///
     /// # Errors
     /// The first failed write.
@@ -159,7 +159,7 @@ impl Sources {
         matches!(self.found(&layer_name(path)), Some(FileState::File { .. }))
     }
 
-    /// Records that there is no file at this path. The profile is then one of those that are part of the program.
+    /// Records that the file does not exist. The profile is then one that is part of the program.
     pub fn put_absent(&mut self, path: &Path) {
         self.put(&layer_name(path), FileState::Absent, &[]);
     }

@@ -1,5 +1,5 @@
-//! Longest duration of a stop of the gateway: that of the fault actions of the axes. If the registers keep their
-//! values, it is that of the exchanges in progress.
+//! Maximum duration of a stop of the gateway. Normally this is the duration of the fault actions of the axes. If the
+//! registers keep their values, only the exchanges in progress are completed.
 
 use std::time::Duration;
 
@@ -8,13 +8,13 @@ use isotherm_core::quantity::Micron;
 
 /// Time at the end of a stop for the last reports and the last writes to disk.
 const REST: Duration = Duration::from_secs(2);
-/// Time after `REST` in which the gateway posts the last messages to servers.
+/// Time after `REST` in which the gateway posts the last event messages to the servers of `[[notify]]`.
 pub const MESSAGES: Duration = Duration::from_secs(2);
 /// Time in parallel to [`MESSAGES`] in which the MQTT broker accepts the last state and the disconnection.
 pub const BROKER: Duration = Duration::from_secs(4);
 
-/// Returns the longest duration of the fault actions. `ways` are the distances by which Cz and the slope of each axis
-/// must move to zero.
+/// Returns the maximum duration of the fault actions. `ways` contains for each axis the distances in µm by which Cz and
+/// the slope must move to zero.
 pub fn fault_actions(profile: &Profile, ways: impl IntoIterator<Item = [Micron; 2]>) -> Duration {
     let exchange = profile.sets.iter().filter_map(|set| Some(set.handshake.as_ref()?.timeout * 2)).max();
     let settle = profile.outputs.iter().filter_map(|output| Some(output.applied.as_ref()?.settle)).max();
@@ -30,7 +30,7 @@ pub fn fault_actions(profile: &Profile, ways: impl IntoIterator<Item = [Micron; 
     times.max().unwrap_or_default().saturating_add(hold(profile))
 }
 
-/// Longest duration of the fault actions with every axis at its limit.
+/// Returns the maximum duration of the fault actions, with every axis at its limit.
 pub fn longest(profile: &Profile) -> Duration {
     let at_limit = |axis: &crate::Axis| {
         let limit = axis.settings.guard.limit;
@@ -39,21 +39,22 @@ pub fn longest(profile: &Profile) -> Duration {
     fault_actions(profile, profile.axes.iter().map(at_limit))
 }
 
-/// Longest duration of a stop without fault actions: the exchanges in progress are completed. A slow device may still
-/// write and read back a last value.
+/// Returns the maximum duration of a stop without fault actions. The exchanges in progress are completed, and a slow
+/// device may still write and read back a last value.
 pub fn hold(profile: &Profile) -> Duration {
     let slowest = profile.buses.iter().map(|bus| bus.timeout * 6).max();
     slowest.unwrap_or_default() + REST
 }
 
-/// Longest wait for the MQTT broker and the message servers at the end of a stop. `None` if the profile has neither.
+/// Returns the maximum wait for the MQTT broker and the message servers at the end of a stop. `None` if the profile has
+/// neither.
 pub fn told(profile: &Profile) -> Option<Duration> {
     let broker = profile.mqtt.as_ref().map(|_| BROKER);
     broker.max((!profile.notify.is_empty()).then_some(MESSAGES))
 }
 
-/// Longest time for which an unanswered write delays the next step of a register. `None` if no register changes in
-/// steps.
+/// Returns the maximum time for which an unanswered write delays the next step of a register. `None` if no register
+/// changes in steps.
 pub fn late(profile: &Profile) -> Option<Duration> {
     let stepped = profile.outputs.iter().filter(|output| output.writes.is_scheduled());
     stepped.map(|output| profile.bus(profile.device(output.device).bus).late).max()

@@ -1,36 +1,36 @@
-//! Syntax errors of a TOML file. The parser continues after a mistake, and may then report its consequences too. These
-//! are left out, so that one mistake is one error.
+//! Filters the syntax errors of a TOML file. After a mistake, the parser may also report its consequences. These are
+//! left out, so that one mistake is one error.
 //!
 //! The parser does not name characters that only look like those of TOML, and names in other scripts. `foreign` does.
 
 use toml::de::Error;
 
-/// Message of the parser about a key or table that occurs twice.
+/// Parser message for a key or table that occurs twice.
 const TWICE: &str = "duplicate key";
-/// Messages of the parser about a list or inline table that has no end. Everything after it belongs to it.
+/// Parser messages for a list or inline table that is not closed. The parser takes everything after it as its content.
 const UNCLOSED: [&str; 2] = ["unclosed array", "unclosed inline table"];
-/// Parts of the messages about the content of a list or inline table.
+/// Parts of the parser messages about the content of a list or inline table.
 const IN_BRACKETS: [&str; 4] = ["unclosed array", "array element", "in array", "inline table"];
-/// Begins of the messages about a number such as `.1` or `1.`.
+/// Beginnings of the parser messages about a number such as `.1` or `1.`.
 const NO_DIGITS: [&str; 2] = ["invalid mantissa", "invalid fraction"];
-/// Begin of the message about a value without quotation marks, such as `10 µm`.
+/// Beginning of the parser message about a value without quotation marks, such as `10 µm`.
 const UNQUOTED: &str = "string values must be quoted";
-/// Message about a number that more characters follow, such as `10.0mm`.
+/// Parser message about a number with further characters, such as `10.0mm`.
 const LONGER: &str = "invalid float, expected nothing";
-/// Part of another message about the content of an inline table.
+/// Part of another parser message about the content of an inline table.
 const PAIRS: &str = "between key-value pairs";
 
 /// Syntax error that does not result from another one.
 #[derive(Debug, PartialEq, Eq)]
 pub(crate) struct SyntaxError<'p> {
-    /// Byte of the file.
+    /// Byte position in the file.
     pub(crate) at: usize,
     pub(crate) message: &'p str,
     pub(crate) help: Option<&'static str>,
 }
 
-/// Returns the errors that do not result from others: the first one of each line, of a table that occurs twice, and of a
-/// list or inline table that is not closed.
+/// Returns the errors that do not result from others. These are the first error of each line, and the first one about a
+/// duplicate table or an unclosed list or inline table.
 pub(crate) fn independent<'p>(text: &str, problems: &'p [Error]) -> Vec<SyntaxError<'p>> {
     let place = |problem: &Error| problem.span().map_or(0, |span| span.start);
     let mut found: Vec<(usize, &str)> =
@@ -90,26 +90,26 @@ pub(crate) fn independent<'p>(text: &str, problems: &'p [Error]) -> Vec<SyntaxEr
     errors
 }
 
-/// Mistake of characters that TOML does not know outside of texts.
+/// Message and hint for a character that TOML allows only inside texts and comments.
 #[derive(Clone, Copy)]
 struct Foreign {
     message: &'static str,
     help: &'static str,
 }
 
-/// Quotation marks of word processors and of other keyboards.
+/// Typographic quotation marks, as word processors and some keyboards produce them.
 const QUOTATION_MARKS: [char; 10] = ['“', '”', '„', '‟', '‘', '’', '‚', '«', '»', '＂'];
 const QUOTED: Foreign = Foreign {
     message: "these are typographic quotation marks",
     help: "write straight ones, as \"press-7\"; a word processor or a chat has replaced them",
 };
-/// Signs of texts that look like the minus of a number. The output of this program has the first one.
+/// Characters that look like the minus sign of a number. The output of this program uses the first one.
 const MINUS_SIGNS: [char; 6] = ['−', '–', '—', '‐', '‑', '﹣'];
 const NO_MINUS: Foreign = Foreign {
     message: "this is a dash or a minus sign of a text, not the one of a number",
     help: "write the hyphen of the keyboard, as -4.0",
 };
-/// Blanks of word processors and web pages.
+/// Special blanks and invisible characters that word processors and web pages insert.
 const BLANKS: [char; 6] = ['\u{a0}', '\u{2007}', '\u{2009}', '\u{200b}', '\u{202f}', '\u{2060}'];
 const NO_BLANK: Foreign = Foreign {
     message: "this is an invisible character of a word processor or a web page, not a blank",
@@ -127,7 +127,7 @@ const OTHER_SCRIPT: Foreign = Foreign {
     help: "write a short name in these letters, and the other one as its label: label = \"床温\"",
 };
 
-/// Returns whether an error is about a number with a unit or another addition. `rest` is the text from the error on.
+/// Returns whether an error is about a number with a unit or other text after it. `rest` is the text from the error on.
 fn is_longer_number(message: &str, rest: &str) -> bool {
     let begins_as_number =
         || rest.trim_start_matches(['-', '+']).starts_with(|one: char| one.is_ascii_digit());
@@ -139,7 +139,7 @@ fn is_wide(one: char) -> bool {
     ('\u{ff01}'..='\u{ff5e}').contains(&one) || one == '\u{3000}'
 }
 
-/// Returns the first character of a line that TOML does not know, with its place in the line. Texts in quotation marks
+/// Returns the first character of a line that TOML does not allow there, with its position in the line. Quoted texts
 /// and comments may contain any character.
 fn foreign(line: &str) -> Option<(usize, &'static Foreign)> {
     let (mut quote, mut is_name) = (None, true);
@@ -175,7 +175,8 @@ fn begins_header(before: &str) -> bool {
     line.trim_start().starts_with('[')
 }
 
-/// Returns whether a message contains these words. A header such as `[[axis.z.model]]` is an "array table", no list.
+/// Returns whether a parser message contains these words. "array table" does not count as "array", because it is a
+/// header such as `[[axis.z.model]]`.
 fn is_part(message: &str, words: &str) -> bool {
     message.contains(words) && !message.contains("array table")
 }

@@ -99,7 +99,7 @@ impl RawProfile {
 }
 
 impl Check<'_> {
-    /// Resolves all tables. The order matters, because each step uses the results of those before it.
+    /// Resolves all tables, in a fixed order because each step uses the results of those before it.
     fn profile(&mut self, path: PathBuf) -> Option<Profile> {
         let raw = self.raw;
         self.check_names();
@@ -174,7 +174,7 @@ impl Check<'_> {
         tables.names.iter().map(|name| resolve(raw.get(name)?, self, &all.key(name), name)).collect()
     }
 
-    /// Lists the keys that a layer may only set with permission.
+    /// Returns the keys that a layer may set only with the permission `allow_override`.
     fn guarded_keys(&self) -> Vec<String> {
         let names: [(&str, &[String]); 7] = [
             ("axis", &self.axes.names),

@@ -1,4 +1,5 @@
-//! Device templates: knowledge about a type of device, as data. A profile inherits the keys that it does not set.
+//! Device templates: what is known about a type of device, as data. A profile takes from the template every key that it
+//! does not set itself.
 //!
 //! A template is a TOML file. It contains groups of channels with their registers, types, sentinels and status bits,
 //! targets for writing, checks before arming, and quirks. It also lists what has not been verified. The shipped

@@ -1,10 +1,10 @@
-//! Counts, durations and lines of a profile in sentences.
+//! Formats counts, durations and lines of a profile for use in sentences.
 
 use std::fmt::Display;
 use std::time::Duration;
 
-/// Warning about a model that counts from machine start if no signal shows the start. The gateway then keeps the first
-/// good reading of its first run as the reference, also over restarts.
+/// Warning about a model that uses the temperatures at machine start, if no signal shows the start. The gateway then
+/// keeps the first good reading of its first run as the reference, also over restarts.
 pub const NO_MACHINE_START: &str = "The model counts from machine start, but no signal tells when that is ([machine] on). Without it the reference \
      temperature stays that of the first run for ever.";
 
@@ -15,7 +15,8 @@ pub fn counted(count: impl Display, noun: &str) -> String {
     format!("{count} {noun}{plural}")
 }
 
-/// Formats the line `allow_override = […]`, with which a profile permits its layers to set these keys.
+/// Formats the line `allow_override = […]`, with which a profile permits layers (local file, environment, `--set`) to
+/// set these keys.
 pub(crate) fn allowing_line<'a>(keys: impl IntoIterator<Item = &'a String>) -> String {
     let keys: Vec<String> = keys.into_iter().map(|key| format!("{key:?}")).collect();
     format!("allow_override = [{}]", keys.join(", "))

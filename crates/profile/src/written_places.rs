@@ -1,4 +1,5 @@
-//! Registers, nodes, objects and frames that a gateway writes, as texts, for comparing two profiles.
+//! Lists the registers, nodes, objects and frames that a gateway writes, as texts, so that two profiles can be
+//! compared.
 
 use std::collections::BTreeSet;
 
@@ -47,7 +48,7 @@ impl Profile {
 
 struct Written<'p> {
     profile: &'p Profile,
-    /// Places on each bus.
+    /// Registers, nodes, objects and frames of each bus, as texts.
     places: Vec<BTreeSet<String>>,
 }
 

@@ -9,9 +9,9 @@ use can_dbc::{AttributeValue, Message, MessageId, Signal};
 use super::{DbcFile, Wrong};
 use crate::error::allowed;
 
-/// Attribute with the long name of a message.
+/// Attribute of a DBC file with the long name of a message.
 const LONG_MESSAGE: &str = "SystemMessageLongSymbol";
-/// Attribute with the long name of a signal.
+/// Attribute of a DBC file with the long name of a signal.
 const LONG_SIGNAL: &str = "SystemSignalLongSymbol";
 
 /// Line of the file that begins the description of a message or a signal, with its short name.
@@ -22,7 +22,7 @@ enum Entry<'t> {
 }
 
 impl DbcFile {
-    /// Returns the message with this name, which may be its short or its long one.
+    /// Returns the message with this short or long name.
     ///
     /// # Errors
     /// No message has this name, or several have it.
@@ -48,7 +48,7 @@ impl DbcFile {
         Err(Wrong { at, message: format!("the DBC file has two messages `{name}`"), help })
     }
 
-    /// Returns the signal with this name in a message. The name may be its short or its long one.
+    /// Returns the signal with this short or long name in a message.
     ///
     /// # Errors
     /// The message has no signal of this name or several, or another message has the same identifier and signal.
@@ -101,40 +101,41 @@ impl DbcFile {
         Ok(signal)
     }
 
-    /// Returns the names of all messages; the long name if a message has one.
+    /// Returns the names of all messages. A message with a long name is listed by its long name.
     pub(super) fn message_names(&self) -> Vec<&str> {
         let long: HashMap<MessageId, &str> = self.long_messages().collect();
         let messages = self.dbc.messages.iter();
         messages.map(|message| long.get(&message.id).copied().unwrap_or(message.name.as_str())).collect()
     }
 
-    /// Returns the names of all signals of a message; the long name if a signal has one.
+    /// Returns the names of all signals of a message. A signal with a long name is listed by its long name.
     fn signal_names<'f>(&'f self, message: &'f Message) -> Vec<&'f str> {
         let long: HashMap<&str, &str> = self.long_signals(message.id).collect();
         let names = message.signals.iter().map(|signal| signal.name.as_str());
         names.map(|name| long.get(name).copied().unwrap_or(name)).collect()
     }
 
-    /// Iterates over the messages with a long name: identifier and long name.
+    /// Iterates over the messages that have a long name. Each item is the identifier and the long name.
     fn long_messages(&self) -> impl Iterator<Item = (MessageId, &str)> {
         let values = self.dbc.attribute_values_message.iter().filter(|known| known.name == LONG_MESSAGE);
         values.filter_map(|known| Some((known.message_id, text(&known.value)?)))
     }
 
-    /// Iterates over the signals of a message with a long name: short name and long name.
+    /// Iterates over the signals of a message that have a long name. Each item is the short name and the long name.
     fn long_signals(&self, message: MessageId) -> impl Iterator<Item = (&str, &str)> {
         let values = self.dbc.attribute_values_signal.iter();
         let own = values.filter(move |known| known.message_id == message && known.name == LONG_SIGNAL);
         own.filter_map(|known| Some((known.signal_name.as_str(), text(&known.value)?)))
     }
 
-    /// Iterates over the entries of messages and signals, each with the number of its line.
+    /// Iterates over the lines that begin the description of a message or a signal. Each item is the line number,
+    /// counted from 1, and the entry.
     fn entries(&self) -> impl Iterator<Item = (usize, Entry<'_>)> {
         self.text.lines().enumerate().filter_map(|(place, line)| Some((place + 1, entry(line)?)))
     }
 }
 
-/// Returns the entry that a line begins. `None` if it begins neither a message nor a signal.
+/// Returns the message or signal whose description begins in this line. `None` if the line begins neither.
 fn entry(line: &str) -> Option<Entry<'_>> {
     let line = line.trim_start();
     let name = |text: &str| text.find([':', ' ', '\t']).unwrap_or(text.len());

@@ -1,4 +1,4 @@
-//! Units of a DBC file, which are free texts, and the units of a profile that they mean.
+//! Converts the units of a DBC file, which are free texts, to the units of a profile.
 
 use crate::Unit;
 use crate::tables::signal::unit::Conversion;
@@ -6,23 +6,23 @@ use crate::tables::signal::unit::Conversion;
 /// Unit of a signal in a DBC file.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) enum FileUnit {
-    /// No unit, or a word for a number without one.
+    /// The signal is a number without a unit: the text is empty, or a word such as `unitless`.
     Plain,
-    /// Unit of a profile.
+    /// The text means a unit that a profile supports.
     Known(Unit),
-    /// Unit that a profile does not have, with its conversion to one that it has.
+    /// The text means a unit that a profile does not support, but that can be converted to a supported unit.
     Convertible {
-        /// Unit as the file writes it.
+        /// Name of the unit for messages.
         written: String,
         /// Conversion to a unit of a profile.
         conversion: Conversion,
     },
-    /// Text that is no unit of a profile, as the file writes it.
+    /// The text is not a known unit. The field contains the text of the file.
     Unknown(String),
 }
 
-/// Characters that stand for a degree sign: look-alikes, and its bytes in code pages that are not Latin-1 (Chinese,
-/// Korean, Japanese, DOS). A conversion to ASCII leaves question marks.
+/// Characters that stand for a degree sign. Some look like it. Others are the bytes of a degree sign in a Chinese,
+/// Korean, Japanese or DOS code page. A conversion to ASCII leaves question marks.
 const DEGREES: [&str; 12] =
     ["Â°", "º", "˚", "\u{fffd}", "¡ã", "¡Æ", "\u{81}\u{8b}", "ø", "??", "?", "'", "`"];
 
@@ -104,10 +104,10 @@ const OTHERS: [(&[&str], &str); 29] = [
     (&["ms"], "ms"),
 ];
 
-/// Texts that mean a number without a unit.
+/// Texts that mean a number without a unit, in lower case.
 const PLAIN: [&str; 10] = ["", "-", "--", "1", "none", "n/a", "na", "unitless", "bit", "raw"];
 
-/// Returns the meaning of a unit in a DBC file.
+/// Interprets the text of a unit in a DBC file.
 pub(super) fn of(text: &str) -> FileUnit {
     let bare: String = text.chars().filter(|one| !one.is_whitespace() && *one != '_').collect();
     let degree = DEGREES.iter().find(|degree| bare.starts_with(**degree));

@@ -1,4 +1,4 @@
-//! Kinds of files, and the messages about a file in the place of another.
+//! Kinds of files, and the messages for a file of the wrong kind.
 
 use std::path::Path;
 
@@ -13,7 +13,7 @@ pub enum FileKind {
     Template,
     /// Description of a plant (simulated machine).
     Plant,
-    /// Model that `isotherm identify --write` wrote.
+    /// Model of an axis that `isotherm identify --write` wrote.
     ModelBlock,
     /// Script of faults for the virtual machine.
     FaultScript,
@@ -63,18 +63,18 @@ pub enum FileKind {
     Xml,
 }
 
-/// Message about a file that is given in the place of another.
+/// Message for a file of the wrong kind.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Misplaced {
-    /// Kind of the file, and the kind that is expected.
+    /// Sentence that names the kind of the file and the expected kind.
     pub message: String,
-    /// Use of this file, or the way to the expected one.
+    /// Hint: the use of this file, or how to get the expected file.
     pub help: String,
 }
 
 impl FileKind {
-    /// Returns the message about a file of this kind in the place of the kind `wanted`. `None` if the file may be of
-    /// the kind `wanted`.
+    /// Returns the message for a file of this kind if the kind `wanted` is expected. `None` if the file may be of the
+    /// kind `wanted`.
     pub fn instead_of(self, wanted: FileKind) -> Option<Misplaced> {
         let serves = match wanted {
             // The reader of logs has its own messages about workbooks and compressed files.
@@ -91,8 +91,8 @@ impl FileKind {
         })
     }
 
-    /// Returns the message about a log whose name ends as that of another format; `None` if the ending is right, or the
-    /// file is none of these logs.
+    /// Returns a message if the file extension of a log belongs to another format. `None` if the extension is right, or
+    /// if this kind is not a log.
     pub(super) fn of_another_ending(self, ending: &str) -> Option<&'static str> {
         let is_one_of = |known: &[&str]| known.iter().any(|known| ending.eq_ignore_ascii_case(known));
         let (known, message): (&[&str], &'static str) = match self {
@@ -113,7 +113,7 @@ impl FileKind {
         (!is_one_of(known)).then_some(message)
     }
 
-    /// Returns the name of the kind, with its article.
+    /// Returns the name of the kind with its article, for messages.
     fn noun(self) -> &'static str {
         match self {
             FileKind::Profile => "a profile",
@@ -225,12 +225,12 @@ impl FileKind {
 }
 
 impl Misplaced {
-    /// Returns the error of the profile for this file.
+    /// Converts the message into the error for this file of a profile.
     pub(crate) fn error(self, file: impl Into<String>) -> ProfileError {
         ProfileError::about(file, self.message, Some(self.help))
     }
 
-    /// Returns message and help in one line, after the name of the file.
+    /// Formats file name, message and hint as one line.
     #[must_use]
     pub fn line(&self, file: &Path) -> String {
         format!("{}: {}; {}", file.display(), self.message, self.help)

@@ -1,11 +1,11 @@
-//! Logs, recognised by rows of numbers and times with one separator.
+//! Recognises logs by rows of numbers and times with the same separator.
 
 use super::kind::FileKind;
 
-/// Number of lines that are compared.
+/// Maximum number of lines that are examined.
 const COMPARED: usize = 300;
 const SEPARATORS: [char; 4] = ['\t', ';', ',', '|'];
-/// First column of a log without rows.
+/// Names of the first column by which a log without rows is recognised.
 const TIMES: [&str; 8] = ["time", "time_s", "time_min", "timestamp", "date", "datetime", "zeit", "datum"];
 
 /// Returns [`FileKind::Log`] if the text has rows of numbers and times.
@@ -27,7 +27,8 @@ pub(super) fn of(text: &str) -> Option<FileKind> {
     is_log.then_some(FileKind::Log)
 }
 
-/// Returns whether at least one cell is a number or a time, and at least half of them are that or empty.
+/// Returns whether a line is a row of data: at least one cell is a number or a time. At least half of the cells must be
+/// numbers, times or empty.
 fn is_row(line: &str, separator: char) -> bool {
     let cells: Vec<&str> = line.split(separator).map(|cell| cell.trim().trim_matches('"').trim()).collect();
     let data = cells.iter().filter(|cell| is_data(cell)).count();

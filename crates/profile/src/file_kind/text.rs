@@ -1,11 +1,11 @@
-//! Kinds of text files that contain a typical line or element.
+//! Recognises kinds of text files by a typical line or XML element.
 
 use std::borrow::Cow;
 
 use super::kind::FileKind;
 use super::table;
 
-/// Beginnings of the names of elements in XML documents, in the order in which they are searched.
+/// First characters of element names in XML documents, each with the kind of file. They are searched in this order.
 const XML: [(&str, FileKind); 5] = [
     ("AUTOSAR", FileKind::Arxml),
     ("NetworkDefinition", FileKind::Kcd),
@@ -14,7 +14,7 @@ const XML: [(&str, FileKind); 5] = [
     ("html", FileKind::Html),
 ];
 
-/// Beginnings of a line, in the order in which they are searched.
+/// First characters of a line, each with the kind of file. They are searched in this order.
 const LINES: [(&str, FileKind); 12] = [
     ("BO_ ", FileKind::Dbc),
     ("BU_:", FileKind::Dbc),
@@ -30,11 +30,11 @@ const LINES: [(&str, FileKind); 12] = [
     ("*NODE", FileKind::Mesh),
 ];
 
-/// Sections of an EDS or DCF file.
+/// Section headers by which an EDS or DCF file is recognised.
 const EDS: [&str; 3] = ["[FileInfo]", "[DeviceInfo]", "[MandatoryObjects]"];
 
-/// Decodes a text in UTF-8, in UTF-16 with a byte order mark, or in a code page of single bytes. `None` if the bytes
-/// are no text.
+/// Decodes a text in UTF-8, in UTF-16 with a byte order mark, or in a single-byte code page. `None` if the bytes are
+/// not text.
 pub(super) fn decoded(bytes: &[u8]) -> Option<Cow<'_, str>> {
     if let Some(wide) = wide(bytes) {
         return Some(Cow::Owned(wide));
@@ -43,7 +43,7 @@ pub(super) fn decoded(bytes: &[u8]) -> Option<Cow<'_, str>> {
     (!bytes.contains(&0)).then(|| String::from_utf8_lossy(bytes))
 }
 
-/// Decodes a text in UTF-16 with a byte order mark. `None` if the bytes have no such mark.
+/// Decodes a text in UTF-16 with a byte order mark. `None` if the bytes do not begin with a byte order mark.
 pub(super) fn wide(bytes: &[u8]) -> Option<String> {
     let unit: fn([u8; 2]) -> u16 = match bytes {
         [0xff, 0xfe, ..] => u16::from_le_bytes,
@@ -54,19 +54,19 @@ pub(super) fn wide(bytes: &[u8]) -> Option<String> {
     Some(String::from_utf16_lossy(&units))
 }
 
-/// Returns whether an XML document has an element whose name begins with `name`. The name may have the prefix of a
-/// namespace, such as `AR:AUTOSAR`.
+/// Returns whether an XML document has an element whose name begins with `name`. The name may have a namespace prefix,
+/// as in `AR:AUTOSAR`.
 fn has_element(document: &str, name: &str) -> bool {
     let tags = document.split('<').skip(1).map(|tag| tag.split([' ', '\t', '\r', '\n', '>', '/']));
     tags.filter_map(|mut words| words.next()?.rsplit(':').next()).any(|element| element.starts_with(name))
 }
 
-/// Returns whether a line is a card of an FE input file, such as `*STEP`.
+/// Returns whether a line is a keyword line of a finite element input file, such as `*STEP`.
 fn is_card(line: &str) -> bool {
     line.strip_prefix('*').is_some_and(|rest| rest.starts_with(|first: char| first.is_ascii_alphabetic()))
 }
 
-/// Returns the kind of a text that contains a typical line or element.
+/// Returns the kind of a text file by its typical lines or XML elements. `None` if the kind is unknown.
 pub(super) fn of_marks(text: &str) -> Option<FileKind> {
     let begin = text.trim_start();
     if begin.starts_with('<') {

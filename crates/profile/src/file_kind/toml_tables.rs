@@ -4,14 +4,15 @@ use std::collections::BTreeSet;
 
 use super::kind::FileKind;
 
-/// Names at the top of a TOML file.
+/// Names of the keys and tables at the top level of a TOML file.
 #[derive(Default)]
 struct Names<'t> {
-    /// Keys before the first table, if the value is a text, list or table. Loggers write `machine=VMC 1`.
+    /// Keys before the first table whose value is a quoted text, a list or a table. Other keys do not count, because
+    /// loggers write lines such as `machine=VMC 1`.
     keys: BTreeSet<&'t str>,
-    /// First parts of the names of tables.
+    /// First key in the header of each table.
     tables: BTreeSet<&'t str>,
-    /// Whether a table is a list of models of an axis: `[[axis.z.model]]`.
+    /// Whether the file has a list of models of an axis: `[[axis.z.model]]`.
     has_model: bool,
 }
 
@@ -63,7 +64,7 @@ impl<'t> Names<'t> {
     }
 }
 
-/// Returns a bare or quoted name without blanks and quotation marks. `None` if it is no such name.
+/// Returns a bare or quoted key without blanks and quotation marks. `None` if the text is not such a key.
 fn plain(name: &str) -> Option<&str> {
     let name = name.trim().trim_matches('"');
     let is_plain = |byte: u8| byte.is_ascii_alphanumeric() || matches!(byte, b'_' | b'-');

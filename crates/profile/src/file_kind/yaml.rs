@@ -2,10 +2,11 @@
 
 use super::kind::FileKind;
 
-/// Least number of lines with a key. A single line such as `Serial: 7` may belong to any text.
+/// Minimum number of lines with a key. A single line such as `Serial: 7` may belong to any text.
 const LEAST: usize = 2;
 
-/// Returns [`FileKind::Yaml`] if every line of the text is a key, an item of a list, or continues the line above.
+/// Returns [`FileKind::Yaml`] if every line of the text is a key, a list item, or the continuation of the previous
+/// line.
 pub(super) fn of(text: &str) -> Option<FileKind> {
     let lines = || text.lines().filter(|line| !line.trim().is_empty() && !line.trim_start().starts_with('#'));
     let is_mark = |line: &str| matches!(line.trim_end(), "---" | "...");

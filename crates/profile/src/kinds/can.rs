@@ -1,4 +1,4 @@
-//! CAN: frames that devices send by themselves, and objects of CANopen nodes.
+//! CAN lines: frames that devices send by themselves, and objects of CANopen nodes that the gateway requests.
 
 use crate::Signal;
 use crate::plan::{Field, ReadRequest, ReadTarget};
@@ -26,9 +26,9 @@ mod signal;
 
 /// Longest name of a network interface on Linux.
 const LONGEST_NAME: usize = 15;
-/// Default identifier of SYNC.
+/// Default CAN identifier of the SYNC message (CANopen).
 const SYNC: u32 = 0x80;
-/// Owner of the keys of this kind in messages.
+/// Name of the tables that may have the keys of this kind, used in messages.
 const OWNER: &str = "a device on a CAN line";
 
 /// CAN interface of this computer.
@@ -124,7 +124,7 @@ fn is_in_frames(raw: &RawSignal) -> bool {
     raw.dbc.is_some() || raw.pdo.is_some() || raw.frame.is_some()
 }
 
-/// Plans one request for each object. Values in frames arrive without a request.
+/// Plans one request for each CANopen object. Values in CAN frames arrive without a request.
 fn requests(_: &Device, signals: &SignalsOf<'_>) -> Vec<ReadRequest> {
     let request = |(id, signal): &(SignalId, &Signal)| {
         let Address::Object(object) = &signal.address else { return None };
@@ -134,7 +134,8 @@ fn requests(_: &Device, signals: &SignalsOf<'_>) -> Vec<ReadRequest> {
     signals.iter().filter_map(request).collect()
 }
 
-/// Returns the network interface of a CAN line, after a check of its name.
+/// Returns the network interface of a CAN line, for example "can0". Reports an error and returns `None` if the name is
+/// missing or invalid.
 fn interface(raw: &RawBus, at: &KeyContext<'_>) -> Option<String> {
     let at = at.key("interface");
     let help = "write the network interface, as \"can0\"; `ip link` shows which there are";

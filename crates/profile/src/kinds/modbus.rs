@@ -66,7 +66,7 @@ pub(super) static KIND: BusKind = BusKind {
     ..BusKind::POLLED
 };
 
-/// Checks the unit of a device.
+/// Checks the unit identifier of a device against the kind of its line.
 fn device(_: &Check<'_>, raw: &RawDevice, at: &KeyContext<'_>, line: Option<&Bus>) -> DeviceParts {
     // Lines with RTU or ASCII frames.
     let over_rtu = line.is_some_and(|line| line.transport != Transport::Tcp);

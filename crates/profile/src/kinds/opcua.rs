@@ -22,7 +22,7 @@ pub(crate) mod connection;
 mod line;
 pub(crate) mod nodes;
 
-/// OPC UA server.
+/// Kind of bus for OPC UA servers.
 pub(super) static KIND: BusKind = BusKind {
     types: &[LineType {
         word: BusType::OpcUa,
@@ -79,7 +79,7 @@ fn heartbeat(raw: &RawHeartbeat, at: &KeyContext<'_>) -> Option<Address> {
     Some(Address::Node(node))
 }
 
-/// Plans one request or subscription for all nodes.
+/// Plans one request for all nodes of the device, or one subscription.
 fn requests(device: &Device, signals: &SignalsOf<'_>) -> Vec<ReadRequest> {
     let mut nodes: Vec<(Field, Node)> = Vec::new();
     let mut max_age = Duration::MAX;

@@ -1,4 +1,4 @@
-//! Devices that send text, on a serial port or through a serial server: readouts, gauges, DCON modules.
+//! Devices that send lines of text, on a serial port or through a serial server: readouts, gauges, DCON modules.
 
 use std::time::Duration;
 
@@ -17,14 +17,14 @@ use isotherm_core::codec::{Address, DataType, Encoding, TextPattern, TextValue, 
 
 mod line;
 
-/// Default timeout. A device that sends without a request often sends twice a second.
+/// Default timeout of a line with text. A device that sends without a request often sends twice a second.
 const TIMEOUT: Duration = Duration::from_secs(1);
-/// Longest request. No known device needs more.
+/// Maximum length of a request in characters. No known device needs more.
 const LONGEST_REQUEST: usize = 64;
-/// Word for the address of a device in a request and in a pattern.
+/// Placeholder in a request and in a pattern, replaced by the address of the device.
 const UNIT: &str = "{unit}";
 
-/// Lines of text.
+/// Kind of bus for devices that send lines of text.
 pub(super) static KIND: BusKind = BusKind {
     types: &[LineType {
         word: BusType::SerialAscii,
@@ -89,7 +89,7 @@ fn signal(_: &Check<'_>, raw: &RawSignal, at: &KeyContext<'_>, device: Option<&D
     Some(Located::of(Address::Text(value), encoding, None))
 }
 
-/// Reports a request or a pattern with the address of a device that states none.
+/// Reports an error if a request or a pattern contains the address of the device, but the device states none.
 fn needs_address(raw: &RawSignal, at: &KeyContext<'_>) {
     let Some(device) = &raw.device else { return };
     let keys = [("request", &raw.request), ("text", &raw.text)];
@@ -102,7 +102,7 @@ fn needs_address(raw: &RawSignal, at: &KeyContext<'_>) {
     }
 }
 
-/// Parses the pattern of a signal, with the address of its device.
+/// Parses the pattern of a signal, after the address of its device has been inserted.
 fn pattern(signal: &KeyContext<'_>, text: Option<&String>, unit: u8) -> Option<TextPattern> {
     let at = signal.key("text");
     let help = "write the line that the device sends, with {number} for the value, as \"{number} mm\"; `isotherm \
@@ -114,7 +114,7 @@ fn pattern(signal: &KeyContext<'_>, text: Option<&String>, unit: u8) -> Option<T
     with_unit(text?, unit).parse().map_err(|why: String| report(&at, &why)).ok()
 }
 
-/// Warns if a readout that is switched to inch would not be noticed.
+/// Warns if the gateway could not detect that a readout has been switched to inch.
 fn hides_inch(raw: &RawSignal, signal: &KeyContext<'_>, pattern: &TextPattern) {
     if matches!(raw.unit.as_deref(), Some("mm" | "um")) && !pattern.distinguishes_units() {
         let message = "a value in inch has the same form: this text states neither decimals nor a unit";
@@ -124,7 +124,8 @@ fn hides_inch(raw: &RawSignal, signal: &KeyContext<'_>, pattern: &TextPattern) {
     }
 }
 
-/// Completes the request at this key of a signal with the address of its device and the checksum.
+/// Completes the request of a signal: inserts the address of its device and the checksum. The result is empty if the
+/// signal has no request.
 fn request(at: &KeyContext<'_>, text: Option<&String>, unit: u8) -> Option<String> {
     let Some(text) = text else { return Some(String::new()) };
     let request = with_sum(&with_unit(text, unit)).map_err(|why| report(at, &why)).ok()?;
@@ -144,7 +145,7 @@ fn report(at: &KeyContext<'_>, why: &str) {
     at.invalid(message, help);
 }
 
-/// Plans one read for each request, with all values of its answer.
+/// Plans one read for each distinct request text. All values with the same request are fields of one answer.
 fn requests(_: &Device, signals: &SignalsOf<'_>) -> Vec<ReadRequest> {
     let mut groups: Vec<(&str, Vec<(Field, TextValue)>)> = Vec::new();
     for (id, signal) in signals {
@@ -163,7 +164,7 @@ fn requests(_: &Device, signals: &SignalsOf<'_>) -> Vec<ReadRequest> {
     groups.into_iter().map(read).collect()
 }
 
-/// Settings of the serial port.
+/// Preview of the settings of the serial port. Empty for a serial server.
 fn preview(profile: &Profile, bus: BusId) -> Vec<(&'static str, Section)> {
     let described = |settings: String| {
         let mut section = Section::default();

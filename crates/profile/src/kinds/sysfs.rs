@@ -14,14 +14,14 @@ use crate::tables::signal::{Located, RawSignal};
 use crate::tables::{Check, KeyContext};
 use isotherm_core::codec::{Address, DataType, Encoding, PcSensor};
 
-/// Default directory of the kernel's sensors.
+/// Default directory in which the Linux kernel shows its sensors.
 const ROOT: &str = "/sys";
-/// Default timeout for all sensors of a device. A 1-Wire sensor needs most of a second.
+/// Default timeout for reading all sensors of a device. A 1-Wire sensor needs almost a second.
 const TIMEOUT: Duration = Duration::from_secs(2);
-/// Time for reading a 1-Wire sensor. It measures for 750 ms at 12 bits (DS18B20), with a request before and a read
-/// after it.
+/// Time for reading a 1-Wire sensor. The sensor measures for 750 ms at 12 bits (DS18B20). A request comes before the
+/// measurement, and a read after it.
 const ONE_WIRE: Duration = Duration::from_secs(1);
-/// Places of signals on other kinds of lines, and the keys of values in registers.
+/// Keys that a signal on a sysfs line cannot have: places on other kinds of lines, and keys for values in registers.
 static FOREIGN: [&str; 13] = [
     "register",
     "node",
@@ -38,7 +38,7 @@ static FOREIGN: [&str; 13] = [
     "counter",
 ];
 
-/// Sensors of this computer.
+/// Kind of bus for sensors of this computer.
 pub(super) static KIND: BusKind = BusKind {
     types: &[LineType {
         word: BusType::Sysfs,
@@ -113,7 +113,7 @@ fn requests(_: &Device, signals: &SignalsOf<'_>) -> Vec<ReadRequest> {
     (!fields.is_empty()).then_some(ReadRequest { asks, fields }).into_iter().collect()
 }
 
-/// Checks the directory of a sysfs line.
+/// Checks the directory of a sysfs line. Returns `None` if it has an error.
 fn root(at: &KeyContext<'_>, address: Option<&String>) -> Option<String> {
     let Some(address) = address else { return Some(ROOT.to_owned()) };
     if !address.starts_with('/') {
@@ -130,7 +130,7 @@ fn root(at: &KeyContext<'_>, address: Option<&String>) -> Option<String> {
     Some(address.clone())
 }
 
-/// Parses the sensor at this key of a signal.
+/// Parses the sensor of a signal at the key `sensor`. Returns `None` if it is missing or has an error.
 fn sensor(signal: &KeyContext<'_>, text: Option<&String>) -> Option<PcSensor> {
     let at = signal.key("sensor");
     let Some(text) = text else {
@@ -151,7 +151,7 @@ fn sensor(signal: &KeyContext<'_>, text: Option<&String>) -> Option<PcSensor> {
     text.parse().map_err(report).ok()
 }
 
-/// Checks the unit of a sensor, which the kernel fixes.
+/// Checks that the unit of a sensor is °C, in which the gateway reads all sensors of the kernel.
 fn unit(at: &KeyContext<'_>, unit: Option<&str>) {
     if let Some(unit) = unit.filter(|unit| *unit != "degC") {
         at.invalid(format!("a sensor of this computer is read in °C, not in \"{unit}\""), "leave `unit` out");

@@ -1,4 +1,4 @@
-//! Read requests: what they read, and the position of each signal in the answer.
+//! Read requests: the registers or other items to read, and the position of each signal in the answer.
 
 use std::fmt;
 use std::time::Duration;
@@ -32,29 +32,29 @@ pub enum ReadTarget {
     Object(Object),
     /// Nodes of an OPC UA server. Each is a field of the answer.
     Nodes(Vec<Node>),
-    /// Values that the server has sent for subscribed nodes.
+    /// Latest values that the server has sent for the subscribed nodes.
     Subscription(Subscription),
     /// Sensors of this computer. Each is a field of the answer.
     Sensors(Vec<PcSensor>),
-    /// Values in lines of text, all with the same request. Each is a field of the answer.
+    /// Values in lines of text that the same request returns. Each is a field of the answer.
     Texts(Vec<TextValue>),
 }
 
-/// Nodes that an OPC UA server sends by itself. Each is a field of the answer.
+/// Nodes whose values an OPC UA server sends when they change. Each is a field of the answer.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Subscription {
     /// Subscribed nodes.
     pub nodes: Vec<Node>,
-    /// Sampling interval of the server, which sends changed values.
+    /// Interval at which the server samples the nodes.
     pub every: Duration,
-    /// Smallest `max_age` of the signals.
+    /// Smallest `max_age` (maximum age of a reading) of the signals.
     pub max_age: Duration,
     /// Whether the server also sends a value if only its timestamp changed. The timestamp then shows when the value was
     /// measured.
     pub by_stamp: bool,
 }
 
-/// Position of the value of one signal in an answer, or of its scale.
+/// Position of one value in an answer. The value is that of a signal, or the scale of the signal.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Field {
     /// Signal at this position.
@@ -88,13 +88,14 @@ impl Field {
     }
 }
 
-/// Assigns each part its position in the answer.
+/// Numbers the fields in the order of the list, from 0. The number is the position in the answer.
 pub(crate) fn numbered<T>(parts: Vec<(Field, T)>) -> (Vec<Field>, Vec<T>) {
     parts.into_iter().zip(0..).map(|((field, part), at)| (Field { at, ..field }, part)).unzip()
 }
 
 impl ReadTarget {
-    /// Number of registers or bits that the request reads or writes, and their name. Objects have none.
+    /// Returns how many registers, bits, nodes, sensors or texts the target has, with the noun in the singular. A
+    /// CANopen object has none.
     fn cells(&self) -> (usize, &'static str) {
         match self {
             ReadTarget::Registers { from, count } if from.table.is_bits() => (usize::from(*count), "bit"),
@@ -110,7 +111,7 @@ impl ReadTarget {
 }
 
 impl ReadRequest {
-    /// First register or bit, and their number. `None` for other targets.
+    /// Returns the first register or bit, and the number of them. `None` if the target is not in registers.
     pub const fn span(&self) -> Option<(Register, u16)> {
         if let ReadTarget::Registers { from, count } = self.asks { Some((from, count)) } else { None }
     }
@@ -135,8 +136,8 @@ impl ReadRequest {
         self.scales().any(|scale| self.values().all(|value| value.signal != scale.signal))
     }
 
-    /// Names of the signals in the answer. A signal whose scale alone is in the answer has the words "scale of" before
-    /// its name.
+    /// Returns the names of the signals in the answer. If the answer contains only the scale of a signal, the name
+    /// begins with "scale of".
     pub fn signals(&self, profile: &Profile) -> Vec<String> {
         let name = |field: &Field| profile.signal(field.signal).name.clone();
         let is_read = |signal| self.values().any(|field| field.signal == signal);

@@ -1,5 +1,5 @@
-//! Repeated checks (`verify`) of a device in operation: their periods, and how far an axis may move before a changed
-//! setting is detected.
+//! Preview of the checks (`verify`) of a device that are repeated in operation. It states their periods, and how far an
+//! axis may move before a changed setting is detected.
 
 use std::time::Duration;
 
@@ -17,8 +17,8 @@ use isotherm_core::compensation::model::Model;
 /// Largest fraction of a line's time that the checks of its devices may take.
 const SHARE: f64 = 0.01;
 
-/// Returns the factor by which the periods of all checks on a line are extended. The checks then take at most 1 % of
-/// the line's time. The factor is at least 1.
+/// Returns the factor by which the periods of all checks on a line are extended, at least 1. With this factor, the
+/// checks take at most 1 % of the line's time.
 pub fn stretch(profile: &Profile, bus: BusId) -> f64 {
     let checks =
         profile.devices_on(bus).flat_map(|(id, device)| device.verify.iter().map(move |check| (id, check)));
@@ -54,7 +54,7 @@ fn time_of(profile: &Profile, device: DeviceId, check: &Expected) -> Duration {
     exchange_time(profile.bus(owner.bus), owner, &asked)
 }
 
-/// Returns the axes whose models read from each device.
+/// Returns for each device the axes whose models use signals of this device.
 pub(super) fn readers(profile: &Profile) -> Members {
     let pairs = profile.axes.iter().enumerate().flat_map(|(place, axis)| {
         let signals = axis.settings.models.iter().flat_map(Model::signals);

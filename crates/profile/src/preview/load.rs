@@ -15,7 +15,7 @@ use crate::kinds;
 use crate::wording::counted;
 use crate::{Bus, BusId, Device, Profile, ProfileError};
 
-/// Load in percent above which a line has no reserve for lost answers and repetitions.
+/// Load in percent above which a line has too little reserve for lost answers and retries.
 const TIGHT: f64 = 80.0;
 const FULL: f64 = 100.0;
 
@@ -28,9 +28,10 @@ pub struct Load {
     pub polls_percent: f64,
     /// Share of the line's time for writing, including the reads before and after a write, in percent.
     pub writes_percent: f64,
-    /// Share of the line's time for all exchanges, in percent.
+    /// Share of the line's time for all exchanges (reading and writing), in percent.
     pub percent: f64,
-    /// Assumed answer time of a device in milliseconds. On a serial port, the transfer of the bytes is not included.
+    /// Assumed answer time of a device in milliseconds. On a serial port, it does not include the transfer of the
+    /// bytes.
     pub answer_ms: f64,
     /// Answer time at which the line would be full, in milliseconds. `None` if it is full with any answer time.
     pub full_at_answer_ms: Option<f64>,
@@ -52,7 +53,7 @@ pub enum Verdict {
     Full,
 }
 
-/// Time of an exchange: a known time, plus a number of answer times of the device.
+/// Duration of an exchange: a known time, plus the answer time of the device multiplied by `waits`.
 struct Cost {
     known: Duration,
     waits: f64,
@@ -110,7 +111,7 @@ impl Load {
         lines.map(|(bus, asked)| Load::of_exchanges(profile, bus, &asked)).collect()
     }
 
-    /// Calculates the load of one line, as [`Load::of_lines`] does.
+    /// Calculates the load of one line. `None` as for [`Load::of_lines`].
     pub fn of(profile: &Profile, id: BusId) -> Option<Load> {
         Load::of_lines(profile).swap_remove(id.0)
     }
@@ -169,7 +170,8 @@ impl Load {
         section
     }
 
-    /// Describes the load: `load 241 % (polls 1 %, writes 240 %), up to 241 exchanges a second at 10 ms an answer`.
+    /// Formats the load: `load 241 % (polls 1 %, writes 240 %), up to 241 exchanges a second at 10 ms an
+    /// answer`.
     fn asked_of_it(&self) -> String {
         let answer = if self.is_serial { "for a device to begin its answer" } else { "an answer" };
         let exchanges = counted(figure(self.exchanges_per_second), "exchange");

@@ -1,4 +1,5 @@
-//! Exchanges on the lines and their rates: polls, heartbeat, outputs, sets. The calculation has no side effects.
+//! Exchanges (request and answer) on each line and their rates: polls, heartbeat, outputs, output sets. The calculation
+//! has no side effects.
 
 use std::time::Duration;
 
@@ -11,7 +12,7 @@ use isotherm_core::codec::Address;
 use isotherm_core::reading::SignalId;
 
 /// Number of reads of the acknowledge bit in one handshake: one before the strobe signal, two when the bit rises, two
-/// when it falls. The second read of each pair follows after one cycle of the control.
+/// when it falls. The second read of each pair follows one cycle of the control (CNC) later.
 const ASKS: u8 = 5;
 
 /// Exchange that is repeated at a constant rate.
@@ -22,11 +23,11 @@ pub(super) struct Exchange {
     /// Length of the request on a serial line in bytes, with unit and checksum.
     pub(super) question: usize,
     pub(super) answer: usize,
-    /// Whether the exchange serves an output or the heartbeat. Otherwise it reads a signal.
+    /// Whether the exchange belongs to an output or the heartbeat. `false` if it reads a signal.
     pub(super) writes: bool,
 }
 
-/// Returns all exchanges on each line while every axis moves at each update, in the order of the buses.
+/// Returns all exchanges on each line, in the order of the buses. Every axis is assumed to move at each update.
 pub(super) fn traffic(profile: &Profile) -> Vec<Vec<Exchange>> {
     let mut traffic = Traffic { profile, asked: vec![Vec::new(); profile.buses.len()] };
     traffic.polls();
@@ -40,7 +41,7 @@ pub(super) fn traffic(profile: &Profile) -> Vec<Vec<Exchange>> {
 
 struct Traffic<'a> {
     profile: &'a Profile,
-    /// Exchanges on each line.
+    /// Exchanges of each line, by the index of the bus.
     asked: Vec<Vec<Exchange>>,
 }
 
@@ -110,7 +111,7 @@ impl Traffic<'_> {
         }
     }
 
-    /// Returns how often per second a position is read. Each reading is corrected and written.
+    /// Returns how often per second a position is read. Each reading is corrected by Cz and written.
     fn position(&self, position: SignalId) -> f64 {
         let signal = self.profile.signal(position);
         let device = self.profile.device(signal.device);
@@ -118,7 +119,7 @@ impl Traffic<'_> {
         per(sync.map_or(device.every, |sync| sync.every))
     }
 
-    /// Adds the writes of an output's value. For a digit display, the writes include its further registers.
+    /// Adds the writes of an output's value. For a digit display, they include its additional registers.
     fn write(&mut self, output: &Output, per_second: f64) {
         if !is_asked_for(&output.address) {
             return;
@@ -154,7 +155,7 @@ impl Traffic<'_> {
         }
     }
 
-    /// Adds `times` reads for each write, if the output is read back.
+    /// Adds `times` reads for each write, if the output is verified by reading the value back.
     fn read_back(&mut self, output: &Output, per_second: f64, times: f64) {
         let from = output.reads_at();
         if !output.verify.reads() || !is_asked_for(&from) {
@@ -203,7 +204,8 @@ fn is_asked_for(address: &Address) -> bool {
     !address.is_in_frames()
 }
 
-/// Number of exchanges for one value. A CANopen object of more than four bytes is transferred in segments of seven.
+/// Returns the number of exchanges for one value. A CANopen object of more than four bytes is transferred in segments
+/// of seven bytes.
 fn transfers(address: &Address, registers: u16) -> usize {
     if matches!(address, Address::Object(_)) { segments(registers) } else { 1 }
 }
@@ -223,8 +225,8 @@ fn per(every: Duration) -> f64 {
     1.0 / every.as_secs_f64()
 }
 
-/// Returns how often per second a value that changes once in `every` is also written unchanged (`refresh`). Each change
-/// restarts the refresh period.
+/// Returns how often per second `refresh` repeats an unchanged value. The value changes once in `every`, and each
+/// change restarts the refresh period.
 fn refreshes(every: Duration, refresh: Option<Duration>) -> f64 {
     refresh.map_or(0.0, |refresh| {
         let spans = (every.as_secs_f64() / refresh.as_secs_f64()).ceil();
@@ -232,7 +234,8 @@ fn refreshes(every: Duration, refresh: Option<Duration>) -> f64 {
     })
 }
 
-/// Updates per second of axes with these periods, shortest first. Simultaneous updates count once.
+/// Returns the updates per second of axes with these periods, sorted from the shortest. Simultaneous updates of several
+/// axes count once.
 fn together(periods: &[Duration]) -> f64 {
     let own = periods.iter().enumerate().filter(|(place, period)| {
         periods[..*place].iter().all(|shorter| !period.as_nanos().is_multiple_of(shorter.as_nanos()))

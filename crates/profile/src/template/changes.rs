@@ -1,15 +1,14 @@
-//! Changes between two texts of a template.
+//! Compares two texts of a template and lists the changes.
 
 use std::collections::BTreeMap;
 
 use toml::{Table, Value};
 
-/// Keys of texts for users. Such texts have no effect on a machine.
+/// Keys whose values are only texts for users. They have no effect on a machine.
 const NOTES: [&str; 6] = ["notes", "remedy", "source", "title", "unverified", "what"];
 
 /// Lists the keys that are only in one of two texts, or differ: `channel.tc.scale: 0.1 → 0.01`. Comments and order are
-/// ignored. All changed texts for users are listed as one line. If a template cannot be parsed, the list contains only
-/// "all of it".
+/// ignored. All changed texts for users are one entry. If a template cannot be parsed, the only entry is "all of it".
 #[must_use]
 pub fn changes(before: &str, now: &str) -> Vec<String> {
     let (Ok(before), Ok(now)) = (before.parse::<Table>(), now.parse::<Table>()) else {

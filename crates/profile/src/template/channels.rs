@@ -1,5 +1,5 @@
-//! Expansion of groups into `count` similar channels. `{n}` is the number; the registers follow each other. The
-//! calculation has no side effects.
+//! Expands a group of a template into `count` similar channels. `{n}` in a name is the channel number, and the
+//! registers follow each other. The calculation has no side effects.
 
 use serde_json::{Map, Value};
 
@@ -8,10 +8,10 @@ use crate::kinds::can::channel as can;
 use crate::kinds::modbus::channel as modbus;
 use crate::tables::register::TypeWord;
 
-/// Keys of a group that describe its sequence of channels.
+/// Keys of a group that describe its sequence of channels. A single channel does not get these keys.
 pub(super) const OF_GROUP: [&str; 6] = ["name", "count", "from", "stride", "unverified", "ask"];
 
-/// Channel, check or target.
+/// Channel that is read, target that is written, or check of a template.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Channel {
     /// Name in the profile: "0", "cjc".
@@ -20,7 +20,7 @@ pub(super) struct Channel {
     pub(super) group: String,
     /// Index in the group, from 0.
     pub(super) place: u16,
-    /// Keys that the profile must set.
+    /// Keys that the profile must set for this channel.
     pub(super) asks: Vec<String>,
     /// Keys that the channel adds to a signal or an output.
     pub(super) keys: Map<String, Value>,
@@ -55,7 +55,7 @@ pub(super) fn of_group(name: &str, group: &Group, base: u16) -> Result<Vec<Chann
         .collect()
 }
 
-/// Number of registers of one channel.
+/// Returns the number of registers of one channel.
 fn registers(group: &Group) -> u16 {
     let kind: Option<TypeWord> = group.get("type").and_then(|kind| serde_json::from_value(kind.clone()).ok());
     kind.map_or(1, |TypeWord(kind)| kind.registers())

@@ -1,4 +1,4 @@
-//! Checks of a template, as registers with expected values.
+//! Adds the checks of a template to a device: registers with expected values.
 
 use serde_json::Value;
 

@@ -1,4 +1,4 @@
-//! Conversion of conditions on channels into conditions on signals.
+//! Converts conditions on channels of a template into conditions on signals.
 
 use serde_json::{Value, json};
 
@@ -36,7 +36,7 @@ impl Filling<'_> {
         out
     }
 
-    /// Returns the signal that reads a channel: one of the profile, or a new one.
+    /// Returns the name of the signal that reads a channel. If the profile has none, adds a signal.
     fn signal_of(&mut self, device: &str, channel: &Channel, at: &str) -> String {
         let signals = self.profile.get("signal").and_then(Value::as_object).into_iter().flatten();
         let reads = |signal: &Value| {

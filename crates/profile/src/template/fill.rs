@@ -1,5 +1,5 @@
-//! Addition of the keys of a template to a profile, as if the profile itself contained them. In errors, an added key
-//! has the place where the profile named the template or the channel.
+//! Adds the keys of a template to a profile, as if the profile contained them. An error in an added key is reported at
+//! the line of the profile that names the template or the channel.
 
 use std::collections::{BTreeMap, HashSet};
 
@@ -23,7 +23,8 @@ pub(super) struct Filling<'a> {
     pub(super) errors: &'a mut Findings,
     pub(super) known: BTreeMap<String, Definition>,
     pub(super) templates: Templates,
-    /// Templates that were searched, by name. Many devices may have the same one.
+    /// Templates that have been searched, by name. The search is stored because many devices may have the same
+    /// template.
     searched: BTreeMap<String, Result<Written, Wrong>>,
     /// Devices whose template has an error, which was reported already.
     broken: HashSet<String>,
@@ -99,8 +100,8 @@ impl<'a> Filling<'a> {
         self.known.insert(name.to_owned(), definition);
     }
 
-    /// Adds the keys of a CANopen node. In lists, entries of the profile come first, and replace those for the same
-    /// object or code.
+    /// Adds the settings of a CANopen node. If a list of the profile has an entry for the same object or code, that
+    /// entry replaces the template's. Entries of the profile come first.
     fn node(&mut self, name: &str, definition: &Definition, at: &str, note: &str) {
         for (key, value) in definition.node.iter().flatten() {
             let Value::Array(below) = value else {
@@ -141,7 +142,7 @@ impl<'a> Filling<'a> {
         }
     }
 
-    /// Adds the keys of a channel to a signal or an output that names it.
+    /// Adds the keys of a channel to the signal or output that names the channel.
     fn user(&mut self, table: &'static str, name: &str, is_signal: bool) {
         let Some(user) = self.table(table, name) else { return };
         let at = child(&child(table, name), "channel");
@@ -202,7 +203,8 @@ impl<'a> Filling<'a> {
         }
     }
 
-    /// Prevents reports of missing keys that the channel would have added. The failure itself has been reported.
+    /// Suppresses errors about missing keys that the channel would have added. The error of the channel itself has
+    /// already been reported.
     fn nothing_missing(&mut self, table: &str, name: &str, at: &str) {
         let path = child(table, name);
         for key in ["register", "node", "type", "writes", "scale", "word_order", "read_back"]
@@ -214,7 +216,7 @@ impl<'a> Filling<'a> {
         }
     }
 
-    /// Reports keys that the template leaves to the profile, because a wrong assumption would move an axis.
+    /// Reports missing keys that the template leaves to the profile, because a wrong default would move an axis.
     fn ask(&mut self, table: &str, name: &str, device: &str, channel: &Channel) {
         let path = child(table, name);
         for key in &channel.asks {
@@ -230,7 +232,8 @@ impl<'a> Filling<'a> {
         }
     }
 
-    /// Adds the keys of a channel that the profile does not set. Returns the keys that it does set.
+    /// Adds the keys of a channel that the profile does not set. Returns the names of the keys that the profile sets
+    /// itself.
     pub(super) fn bring(
         &mut self,
         table: &'static str,
@@ -270,7 +273,8 @@ impl<'a> Filling<'a> {
         format!("this value comes from channel `{channel}` of template `{template}`")
     }
 
-    /// Adds an output to the output set of its device, if the template has one and the profile names no other.
+    /// Adds an output to the output set of its device. Does nothing if the template has no set, or if the profile names
+    /// one.
     fn set(&mut self, output: &str, device: &str, at: &str) {
         let Some(set) = self.known[device].set.clone() else { return };
         let note = format!("this value comes from template `{}`", self.templates[device].name);
@@ -309,7 +313,7 @@ impl<'a> Filling<'a> {
         }
     }
 
-    /// Reports devices that need a heartbeat, if the profile writes to them but sends no heartbeat.
+    /// Reports devices that need a heartbeat if the profile writes to them and sends no heartbeat.
     fn silent_heartbeats(&mut self) {
         let of_heartbeat = self.profile.get("heartbeat").and_then(|beat| text(beat.as_object()?, "device"));
         let outputs = self.profile.get("output").and_then(Value::as_object);
@@ -338,7 +342,7 @@ impl<'a> Filling<'a> {
         self.profile.get_mut(table)?.get_mut(name)?.as_object_mut()
     }
 
-    /// Adds a key unless it exists.
+    /// Adds a key to a table unless the table has the key already.
     fn put(&mut self, table: &str, name: &str, key: &str, value: Value, at: &str, note: &str) {
         let Some(into) = self.table_mut(table, name) else { return };
         if into.contains_key(key) {
@@ -353,7 +357,7 @@ impl<'a> Filling<'a> {
     }
 }
 
-/// Checks the SHA-256 of a template, if the profile states it.
+/// Checks the SHA-256 of a template against the one in the profile, if the profile states one.
 fn pinned(template: &str, pin: Option<&str>, text: &str) -> Result<(), Wrong> {
     let found = sha256(text.as_bytes());
     match pin {

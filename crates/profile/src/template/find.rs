@@ -1,4 +1,4 @@
-//! Finding and parsing of a template by its name. The user's own template takes precedence over the shipped one.
+//! Finds and parses a template by its name. A template of the user takes precedence over a shipped one.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -23,9 +23,10 @@ pub(super) const DIRECTORY: &str = "devices";
 /// Template as a device uses it: with the chosen variant, and with `base` added to the register numbers.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Definition {
-    /// Template before it is used: with title, source and notes.
+    /// Template for the preview, with title, source and notes. The signals and outputs that use the template are added
+    /// later.
     pub(super) template: Template,
-    /// Unverified facts by the name of their group.
+    /// Facts that were not verified, by the name of the group to which they belong.
     pub(super) unverified_of: BTreeMap<String, String>,
     pub(super) functions: Option<Value>,
     pub(super) quirks: Option<Value>,
@@ -49,11 +50,11 @@ pub(super) type Wrong = (&'static str, String, String);
 pub(super) struct Written {
     pub(super) own_file: Option<String>,
     pub(super) text: Arc<str>,
-    /// Parsed content. `None` if it has mistakes, which have been reported.
+    /// Parsed content. `None` if the file has mistakes, which have already been reported.
     pub(super) body: Option<Group>,
 }
 
-/// Finds the template with this name. `Err` if there is none, or if the user's file cannot be read.
+/// Finds the template with this name. Returns an error if the template does not exist or cannot be read.
 pub(super) fn find(
     name: &str,
     (files, schemas): (&Files<'_>, &Schemas),
@@ -82,8 +83,8 @@ pub(super) fn find(
     Ok(Written { own_file, text, body })
 }
 
-/// Builds a hint for an unknown name. Users often abbreviate a model number. The suggestion is a name with the same
-/// beginning, the nearest word, or a name with the same number, in this order.
+/// Builds a hint for an unknown name, because users often abbreviate a model number. The suggestion is a name with the
+/// same beginning, else the nearest word, else a name with the same number.
 fn nearest_names(name: &str, known: &[String]) -> String {
     let bare = |text: &str| text.chars().filter(char::is_ascii_alphanumeric).collect::<String>();
     let digits = |text: &str| text.chars().filter(char::is_ascii_digit).collect::<String>();
@@ -206,7 +207,7 @@ impl Definition {
     }
 }
 
-/// Merges a variant into its template, table by table.
+/// Merges a variant into its template. Tables are merged key by key.
 fn lay(below: &mut Group, over: &Value) {
     for (key, value) in over.as_object().into_iter().flatten() {
         match (below.get_mut(key), value) {

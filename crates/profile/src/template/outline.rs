@@ -1,4 +1,4 @@
-//! Outlines of templates, for programs that write new profiles.
+//! Summaries of templates, for programs that write new profiles.
 
 use std::borrow::Cow;
 use std::path::Path;
@@ -10,7 +10,7 @@ use super::shipped;
 use crate::safe_file;
 use crate::sources::names_in;
 
-/// Parts of a template that a new profile names.
+/// Summary of a template: the names that a new profile uses.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Outline {
     /// Name of the template.
@@ -32,11 +32,11 @@ pub struct Outline {
     pub has_heartbeat: bool,
     /// Whether the profile may state the first register of the device (key `base`).
     pub is_movable: bool,
-    /// Whether the device sends lines of text, and needs a serial-ascii line.
+    /// Whether the device sends lines of text, so that it needs a serial-ascii line.
     pub sends_text: bool,
 }
 
-/// Target of a template that can receive Cz, and the form of the value as the template states it.
+/// Target of a template that can receive Cz, with the encoding that the template states.
 #[derive(Clone, Debug, PartialEq)]
 pub struct OutlineTarget {
     /// Name of the target.
@@ -49,9 +49,9 @@ pub struct OutlineTarget {
     pub scale: Option<f64>,
 }
 
-/// Returns the outlines of all templates of Modbus devices and of devices that send lines of text. They are the shipped
-/// templates and the user's own in the folder `devices` of this directory. An own template replaces the shipped one of
-/// its name.
+/// Returns the summaries of all templates of Modbus devices and of devices that send lines of text. They include the
+/// user's own templates in the folder `devices` of this directory. A template of the user replaces the shipped one of
+/// the same name.
 pub fn outlines(directory: &Path) -> Vec<Outline> {
     let folder = directory.join(DIRECTORY);
     let own = names_in(&folder, ".toml");
@@ -70,7 +70,7 @@ pub fn outlines(directory: &Path) -> Vec<Outline> {
     names.into_iter().filter_map(outlined).collect()
 }
 
-/// Returns whether a channel or target of the template has this key, also one of a variant.
+/// Returns whether a channel or target of the template, or of a variant, has this key.
 fn has_key(text: &Table, key: &str) -> bool {
     let variants = text.get("variant").and_then(Value::as_table).into_iter().flat_map(Table::values);
     let tables = std::iter::once(text).chain(variants.filter_map(Value::as_table));
@@ -79,7 +79,7 @@ fn has_key(text: &Table, key: &str) -> bool {
     groups.any(|group| group.get(key).is_some())
 }
 
-/// Returns the outline of a template; `None` if its device is neither on Modbus nor sends lines of text.
+/// Returns the summary of a template. `None` if the device is neither on Modbus nor sends lines of text.
 fn outline(name: &str, text: &Table) -> Option<Outline> {
     let sends_text = has_key(text, "text");
     if !sends_text && !has_key(text, "register") {
@@ -102,7 +102,7 @@ fn outline(name: &str, text: &Table) -> Option<Outline> {
     })
 }
 
-/// Returns the outline of a target; `None` if it does not receive Cz as an offset.
+/// Returns the summary of a target. `None` if the target does not receive Cz as an offset.
 fn target((name, target): (&String, &Value)) -> Option<OutlineTarget> {
     let word = |key: &str| target.get(key).and_then(Value::as_str).map(str::to_owned);
     let scale = target.get("scale");

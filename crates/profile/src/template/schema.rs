@@ -1,4 +1,4 @@
-//! Schema of a template file: groups with the keys of signals, outputs, sets and checks of a profile.
+//! Generates the schema of a template file: groups with the keys of signals, outputs, sets and checks of a profile.
 
 use serde_json::{Map, Value, json};
 
@@ -57,7 +57,7 @@ pub(crate) fn of_template(profile: &Value) -> Value {
     whole
 }
 
-/// Schema of the keys of a CANopen node.
+/// Returns the schema of the keys of a CANopen node.
 fn node(device: &Map<String, Value>) -> Value {
     let keys = NODE.map(|key| (key.to_owned(), device.get(key).cloned().unwrap_or_default()));
     let mut table = closed(&Value::Object(Map::from_iter(keys)), &[]);
@@ -67,7 +67,7 @@ fn node(device: &Map<String, Value>) -> Value {
     table
 }
 
-/// Schema of groups by name. A group has the keys of its members, and those that describe their sequence.
+/// Returns the schema of named groups. A group has the keys of its members, and the keys that describe their sequence.
 fn groups(mut keys: Map<String, Value>, what: &str) -> Value {
     let whole =
         |what: &str| json!({ "description": what, "type": "integer", "minimum": 0, "maximum": 65535 });
@@ -86,7 +86,7 @@ fn groups(mut keys: Map<String, Value>, what: &str) -> Value {
     named(what, &closed(&Value::Object(keys), &[]))
 }
 
-/// Schema of a table that contains named tables with the schema `table`. `what` is its description.
+/// Returns the schema of a table that contains named tables with the schema `table`. `what` is its description.
 fn named(what: &str, table: &Value) -> Value {
     json!({ "description": what, "type": "object", "additionalProperties": table })
 }

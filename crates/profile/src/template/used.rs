@@ -1,4 +1,4 @@
-//! Template of a device, and the signals and outputs that use it.
+//! Templates that devices use, with the signals and outputs that take their registers from them.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -15,7 +15,7 @@ pub struct Template {
     pub variant: Option<String>,
     /// Manufacturer and type.
     pub title: String,
-    /// Manual or page that the template is taken from.
+    /// Manual or web page from which the data of the template was taken.
     pub source: String,
     /// Path of the user's own file. `None` for a shipped template.
     pub own_file: Option<String>,
@@ -25,7 +25,7 @@ pub struct Template {
     pub notes: Vec<String>,
     /// Facts that were not verified with the manual or on the device.
     pub unverified: Vec<String>,
-    /// Checks that are omitted, and why.
+    /// Checks of the template that the profile omits, each with the reason.
     pub unchecked: Vec<String>,
     /// Signals and outputs that use a channel of the template.
     pub uses: Vec<Use>,
@@ -60,7 +60,7 @@ pub struct Use {
     pub name: String,
     /// Name of the channel.
     pub channel: String,
-    /// Keys of the template that the profile sets itself.
+    /// Keys of the channel that the profile sets itself, so that the values of the template do not apply.
     pub overridden: Vec<String>,
 }
 

@@ -1,4 +1,5 @@
-//! Conflicts on one CAN line: node numbers, identifiers, writers.
+//! Checks one CAN line for conflicts: node numbers used twice, reserved identifiers, frames and objects with two
+//! writers.
 
 use std::collections::HashMap;
 
@@ -31,7 +32,7 @@ pub(super) fn check(check: &Check<'_>) {
     objects_written(check);
 }
 
-/// Returns the nodes among the devices of a line, and reports duplicate numbers.
+/// Returns the CANopen nodes among the devices of a line, and reports node numbers that are used twice.
 fn nodes(check: &Check<'_>, devices: impl Iterator<Item = usize>) -> Vec<Node> {
     let mut nodes: Vec<Node> = Vec::new();
     for index in devices {
@@ -146,10 +147,10 @@ fn objects_written(check: &Check<'_>) {
     }
 }
 
-/// Description of another use of an identifier, and a hint.
+/// Description of the other use of an identifier, and a hint for the error.
 type Blame = (String, &'static str);
 
-/// Returns the use of an identifier that is reserved for messages without values, such as SYNC. `None` if the
+/// Returns the standard use of an identifier if that use carries no values, such as SYNC or a heartbeat. `None` if the
 /// identifier may carry values.
 fn taken(id: CanId, sync: Option<CanId>, nodes: &[Node], is_pdo: bool) -> Option<Blame> {
     const CORRECT: &str = "correct the identifier; process data is at 0x180 to 0x57F";
@@ -183,8 +184,8 @@ fn taken(id: CanId, sync: Option<CanId>, nodes: &[Node], is_pdo: bool) -> Option
     })
 }
 
-/// Returns the default use of an identifier: number of the process data object, its node, and whether the node sends
-/// it. `None` if no node uses the identifier by default.
+/// Returns the default use of an identifier: the number of the process data object, its node, and whether the node
+/// sends the object. `None` if no node uses the identifier by default.
 fn usual(id: CanId, nodes: &[Node]) -> Option<(u32, &Node, bool)> {
     let raw = id.raw();
     if id.is_extended() || !(0x181..=0x57f).contains(&raw) {

@@ -36,8 +36,8 @@ pub(super) fn described(
     None
 }
 
-/// Reads a DBC file at its first use. The loader also reads a file that no signal uses, so that its errors are
-/// reported.
+/// Reads a DBC file, only once even if several devices use it. Returns `None` if the file has an error, which is
+/// reported at the first use. The loader also reads a file that no signal uses, so that its errors are reported.
 pub(super) fn read(check: &Check<'_>, at: &KeyContext<'_>, name: &str) -> Option<Rc<DbcFile>> {
     if let Some(known) = check.dbcs.borrow().get(name) {
         return known.clone();

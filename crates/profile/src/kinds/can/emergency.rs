@@ -1,18 +1,17 @@
 //! Meanings of CANopen emergency codes.
 
-/// Meaning of an emergency code, or of a class of codes.
+/// CANopen emergency code, or class of such codes, with its meaning.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Emergency {
     /// Emergency code of CiA 301, or of the manufacturer.
     pub code: u16,
-    /// Bits of the code that are compared: 0xFFFF for one code, 0xFF00 for a class.
+    /// Bits of the code that must match: 0xFFFF for one code, 0xFF00 for a class of codes.
     pub mask: u16,
     /// Meaning of the code.
     pub meaning: String,
 }
 
-/// Error codes of CiA 301 (table of emergency error codes). The most specific entry that matches a code gives its
-/// meaning.
+/// Emergency codes of CiA 301: code, mask and meaning. The most specific entry that matches a code gives its meaning.
 const GENERIC: [(u16, u16, &str); 34] = [
     (0x0000, 0xff00, "no error, or error gone"),
     (0x1000, 0xff00, "generic error"),

@@ -1,4 +1,4 @@
-//! Keys for CAN: objects of a node, and values in process data and frames.
+//! Resolves the keys that describe values on CAN: objects of a node, and values in process data and frames.
 
 use schemars::JsonSchema;
 use serde::Deserialize;
@@ -9,7 +9,7 @@ use isotherm_core::codec::{
     Address, BitField, BitKind, ByteOrder, CanId, CanMatch, DataType, Entry, Field, Object, Selector,
 };
 
-/// Length of a classic frame in bytes.
+/// Length of a classic CAN frame (not CAN FD) in bytes.
 const CLASSIC: usize = 8;
 
 /// Value in a CANopen process data object (PDO).
@@ -96,7 +96,7 @@ enum ByteOrderWord {
     Big,
 }
 
-/// Sender of a frame.
+/// Who sends a frame: the device, or the gateway.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Sender {
     Device,
@@ -104,7 +104,8 @@ pub(crate) enum Sender {
 }
 
 impl RawPdo {
-    /// Resolves process data of a device with this name and node: identifier, and bits of the value.
+    /// Resolves a value in process data (PDO) of this device: the CAN identifier and the bits of the value. `node` is
+    /// the CANopen node number of the device.
     pub(crate) fn resolve(
         &self,
         at: &KeyContext<'_>,
@@ -139,7 +140,7 @@ impl RawPdo {
 }
 
 impl RawFrame {
-    /// Resolves a raw frame: its identifier, and the bits of the value.
+    /// Resolves a value in a raw CAN frame: the CAN identifier and the bits of the value.
     pub(crate) fn resolve(&self, at: &KeyContext<'_>) -> Option<Field> {
         let is_long = self.id.is_some_and(|id| id > CanId::LARGEST_STANDARD);
         if is_long && self.extended == Some(false) {
@@ -185,7 +186,7 @@ impl RawMultiplex {
 }
 
 impl Sender {
-    /// Returns the default identifier of a process data object, by CiA 301.
+    /// Returns the default CAN identifier of the process data object with this number, as CiA 301 defines it.
     fn usual_identifier(self, number: u8, node: u8) -> u32 {
         let first = match self {
             Sender::Device => 0x180,
@@ -233,7 +234,8 @@ fn bits(
     at.key("length").reject(format!("the value needs {needed} bytes, but a frame has at most {most}"), help)
 }
 
-/// Parses the object at this key: index and sub-index, for example "1800:05".
+/// Parses index and sub-index of a CANopen object, for example "1800:05". Reports an error and returns `None` if the
+/// text is invalid.
 pub(crate) fn entry(at: &KeyContext<'_>, text: &str) -> Option<Entry> {
     let parsed = text.split_once(':').and_then(|(index, sub)| {
         let is_plain =
@@ -249,7 +251,8 @@ pub(crate) fn entry(at: &KeyContext<'_>, text: &str) -> Option<Entry> {
     parsed
 }
 
-/// Returns the type of a CANopen object for the word at this key. Reports a type that no object has.
+/// Returns the CANopen data type for the key `type`. Reports an error and returns `None` if CANopen objects cannot have
+/// this type.
 pub(crate) fn object_type(at: &KeyContext<'_>, TypeWord(kind): TypeWord) -> Option<DataType> {
     match kind {
         // A BOOLEAN occupies a whole byte.
@@ -262,7 +265,7 @@ pub(crate) fn object_type(at: &KeyContext<'_>, TypeWord(kind): TypeWord) -> Opti
     }
 }
 
-/// Resolves the object at the key `sdo` of a signal or an output.
+/// Resolves the CANopen object at the key `sdo` of a signal or an output, with its type.
 pub(crate) fn object(
     at: &KeyContext<'_>,
     sdo: &str,
@@ -277,7 +280,7 @@ pub(crate) fn object(
     Some(Address::Object(Object { entry: entry?, data_type }))
 }
 
-/// Reports an object whose device is not a CANopen node.
+/// Reports an error if this device has no key `node`, because only CANopen nodes have objects.
 pub(crate) fn needs_node(at: &KeyContext<'_>, device: &str) {
     if at.top("device").key(device).key("node").is_left_out() {
         let help = format!("write node = 5 at device `{device}`, the node number that is set at the device");

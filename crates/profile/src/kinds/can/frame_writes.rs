@@ -3,7 +3,7 @@
 use crate::tables::{Check, KeyContext};
 use isotherm_core::codec::{CanId, Field, Frame};
 
-/// CAN frame into which an output writes its value.
+/// Value that an output writes into a CAN frame.
 #[derive(Clone, Debug)]
 pub(crate) struct Written {
     pub(super) device: usize,
@@ -15,7 +15,8 @@ pub(crate) struct Written {
 }
 
 impl Written {
-    /// Creates the entry for an output that writes its value into a frame. `at` is its key `pdo` or `frame`.
+    /// Creates the entry for an output that writes its value into a frame. `at` is the context of its key `pdo` or
+    /// `frame`.
     pub(super) fn of(
         at: &KeyContext<'_>,
         device: usize,
@@ -48,7 +49,8 @@ impl Written {
     }
 }
 
-/// Parses the key `fill`: the bytes of a frame before the value of an output is inserted.
+/// Parses the key `fill`: the bytes of a frame before the values of outputs are inserted. Reports an error and returns
+/// `None` if they are invalid or too few.
 pub(super) fn fill(at: &KeyContext<'_>, text: &str, field: &Field) -> Option<Vec<u8>> {
     let digits: String = text.split_whitespace().collect();
     let is_hex = digits.bytes().all(|byte| byte.is_ascii_hexdigit()) && digits.len().is_multiple_of(2);
@@ -75,7 +77,7 @@ pub(super) fn fill(at: &KeyContext<'_>, text: &str, field: &Field) -> Option<Vec
     Some(bytes)
 }
 
-/// Adds the written frames to each device. A frame has space for the values of all its outputs.
+/// Adds the written frames to each device. A frame is as long as the values of all its outputs require.
 pub(super) fn resolve(check: &mut Check<'_>) {
     let written = check.written_frames.borrow().clone();
     for (place, one) in written.iter().enumerate() {
@@ -99,7 +101,7 @@ pub(super) fn resolve(check: &mut Check<'_>) {
     }
 }
 
-/// Reports two values that conflict in one frame.
+/// Reports conflicts between two outputs that write into the same frame: overlapping bits, or different `fd` or `fill`.
 fn share_a_frame(check: &Check<'_>, earlier: &Written, later: &Written) {
     let at = later.at(check);
     let there = earlier.at(check).line();

@@ -1,5 +1,5 @@
-//! Preview of a CAN line: the SYNC messages that the gateway sends, and the filters in the kernel. The kernel discards
-//! received frames that no filter matches. The preview of a device on such a line.
+//! Preview of a CAN line: the SYNC messages that the gateway sends, and the receive filters in the kernel. The kernel
+//! discards received frames that match no filter. Also contains the preview of a device on a CAN line.
 
 use super::emergency::Emergency;
 use super::node::{CanDevice, Setup};
@@ -8,7 +8,8 @@ use crate::duration::shown;
 use crate::{BusId, DeviceId, Profile};
 use isotherm_core::codec::{Address, CanId, CanMatch};
 
-/// Services of a CANopen node. The node sends each service with this identifier plus its node number.
+/// Services of a CANopen node: base identifier and name. The node sends each service with the base identifier plus its
+/// node number.
 const SERVICES: [(u32, &str); 3] =
     [(0x80, "emergencies"), (0x580, "SDO answers"), (0x700, "boot-up and heartbeat")];
 

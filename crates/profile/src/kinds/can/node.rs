@@ -1,4 +1,5 @@
-//! Settings of a device on a CAN line: its node, its setup, and the frames written to it.
+//! Settings of a device on a CAN line: its node number, the objects written before the start, and the frames written to
+//! it.
 
 use std::time::Duration;
 
@@ -92,7 +93,7 @@ impl CanDevice {
 }
 
 impl Setup {
-    /// Returns the bytes of the value, least significant first.
+    /// Returns the bytes of the value as they are written into the object, least significant byte first.
     pub fn bytes(&self) -> Vec<u8> {
         self.value.to_le_bytes()[..self.object.size().min(8)].to_vec()
     }
@@ -119,7 +120,8 @@ impl RawSetup {
     }
 }
 
-/// Reports a heartbeat that the node sends too rarely for its timeout, if both are known.
+/// Reports an error if `setup` makes the node send its heartbeat too rarely for the timeout `heartbeat`. Does nothing
+/// if either of them is unknown.
 pub(super) fn heartbeat_produced(at: &KeyContext<'_>, can: &CanDevice) {
     let produced = can.setup.iter().find(|setup| setup.object.entry.index == 0x1017);
     let Some((heartbeat, produced)) = can.heartbeat.zip(produced) else { return };

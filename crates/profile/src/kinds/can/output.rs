@@ -1,4 +1,4 @@
-//! Outputs in CAN frames and CANopen objects.
+//! Resolves outputs that are written into CAN frames or CANopen objects.
 
 use super::fields::{self, Sender};
 use super::frame_writes::{Written, fill as fill_of};
@@ -12,7 +12,7 @@ use crate::tables::register::plain;
 use crate::tables::{Check, KeyContext, optional};
 use isotherm_core::codec::{Address, DataType, Encoding, Object};
 
-/// Reports the keys of an output that outputs on a CAN line do not have.
+/// Reports keys of an output that are not allowed if its device is on a CAN line.
 pub(super) fn foreign_keys(raw: &RawOutput, at: &KeyContext<'_>, device: &str) {
     not_here(at);
     let of_modbus = ["register", "word_order", "byte_swap", "beside", "stale", "set", "handshake"];
@@ -107,8 +107,8 @@ fn target(
     Some((Address::Frame(field), verify?))
 }
 
-/// Resolves the verification of a frame, which has no answer. The value is read in another object, or only shown on a
-/// display.
+/// Resolves the verification of a value in a CAN frame, to which no device answers. The value is read back from a
+/// CANopen object, or is only shown on a display and not verified.
 fn of_a_frame(raw: &RawOutput, at: &KeyContext<'_>, data_type: DataType, owner: &str) -> Option<Verify> {
     let place = at.key("read_back");
     let kept = |verify: &VerifyWord| *verify == VerifyWord::ReadBack && raw.read_back.is_some();

@@ -1,4 +1,4 @@
-//! Signals in CAN frames and CANopen objects.
+//! Resolves signals that are read from CAN frames or CANopen objects.
 
 use super::dbc;
 use super::fields::{self, Sender};
@@ -10,7 +10,7 @@ use crate::tables::signal::{Located, RawSignal};
 use crate::tables::{Check, KeyContext};
 use isotherm_core::codec::{Address, DataType, Encoding};
 
-/// Resolves the place of a signal in frames or objects.
+/// Resolves where a signal is read: in frames or in an object.
 pub(super) fn resolve(check: &Check<'_>, raw: &RawSignal, at: &KeyContext<'_>) -> Option<Located> {
     let device = raw.device.as_deref()?;
     let own = (raw.scale.unwrap_or(1.0), raw.offset.unwrap_or(0.0));
@@ -55,7 +55,8 @@ fn no_type(raw: &RawSignal, at: &KeyContext<'_>, help: &str) {
     }
 }
 
-/// Resolves scale and offset, which belong together. Replacing only one of them would give wrong values.
+/// Resolves scale and offset of a signal in a DBC file. The profile must replace both or neither, because replacing
+/// only one would give wrong values.
 fn scale_over(raw: &RawSignal, at: &KeyContext<'_>, found: &Described) -> Option<(f64, f64)> {
     let (missing, there, is_plain) = match (raw.scale, raw.offset) {
         (None, None) => return Some((found.scale, found.offset)),
@@ -79,9 +80,9 @@ fn scale_over(raw: &RawSignal, at: &KeyContext<'_>, found: &Described) -> Option
     at.key(there).reject(message, format!("write `{missing}` as well, or remove both"))
 }
 
-/// Compares the unit of the DBC file with that of the profile, and converts scale and offset of the file if they differ.
-/// `scale` of the profile replaces those of the file, so nothing is converted then. Returns the unit of the signal if
-/// the profile states none. `None` stands for a number without a unit.
+/// Compares the unit of the DBC file with the unit of the profile. If they differ, converts scale and offset of the
+/// file. If the profile has its own `scale`, nothing is converted. Returns the unit for a signal whose unit the profile
+/// does not state; `None` for a number without a unit.
 fn convert(raw: &RawSignal, at: &KeyContext<'_>, found: &mut Described) -> Option<Unit> {
     let own = raw.unit.as_deref().and_then(Unit::named);
     let is_replaced = raw.scale.is_some();
@@ -137,8 +138,9 @@ fn convert(raw: &RawSignal, at: &KeyContext<'_>, found: &mut Described) -> Optio
     }
 }
 
-/// Returns whether scale and offset of the DBC file are converted to the unit `to`: the profile has this unit, or it has
-/// none and `to` is a unit of temperatures. For other quantities, the unit of the file may be meant.
+/// Returns whether scale and offset of the DBC file are converted to the unit `to`. This is the case if the profile
+/// states this unit. It is also the case for a temperature if the profile states neither unit nor scale. For other
+/// quantities, the unit of the file may be intended.
 fn is_converted(raw: &RawSignal, to: Unit) -> bool {
     match raw.unit.as_deref() {
         Some(own) => own == to.0,
@@ -146,7 +148,7 @@ fn is_converted(raw: &RawSignal, to: Unit) -> bool {
     }
 }
 
-/// Formats a number as a TOML file needs it for a key of a number: with a point or an exponent.
+/// Formats a number for a TOML file as a float, with a decimal point or an exponent.
 fn toml_number(number: f64) -> String {
     format!("{number:?}")
 }

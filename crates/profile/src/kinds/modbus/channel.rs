@@ -1,10 +1,11 @@
-//! Keys of a template's channels in registers, which follow each other.
+//! Adapts the registers of a template group for each of its channels, which follow each other.
 
 use serde_json::{Map, Value};
 
 use crate::tables::register::{Bits, Cell};
 
-/// Moves every `register` in a value, including tables and lists, to that of this channel.
+/// Changes every `register` in a value to the register of the channel with the index `place`. The value may contain
+/// tables and lists.
 pub(crate) fn moved(value: Value, key: &str, place: u16, stride: u16, base: u16) -> Result<Value, String> {
     let inner = |(key, value): (String, Value)| Ok((key.clone(), moved(value, &key, place, stride, base)?));
     Ok(match value {
@@ -27,8 +28,8 @@ fn is_register(key: &str) -> bool {
         || matches!(key, "sequence" | "complement" | "heartbeat" | "control" | "strobe" | "acknowledge")
 }
 
-/// Returns the register of the channel with this index. If the register is a single bit, the bits follow each other.
-/// Several bits of a register are followed by the same bits of the next register.
+/// Returns the register of the channel with the index `place`. If the register is a single bit, the channels are
+/// consecutive bits. If the register has several bits, the next channel has the same bits of the next register.
 pub(crate) fn shifted(register: &str, place: u16, stride: u16, base: u16) -> Result<String, String> {
     let mut cell: Cell = register.parse()?;
     let far = u32::from(place) * u32::from(stride);

@@ -1,4 +1,4 @@
-//! Lengths of Modbus frames, for the time that a serial line needs.
+//! Calculates the lengths of Modbus frames, from which the load of a serial line is calculated.
 //!
 //! A value without a register, such as a node, counts as the shortest request.
 
@@ -7,7 +7,8 @@ use crate::Device;
 use crate::plan::ReadRequest;
 use isotherm_core::codec::{Address, Register, Table};
 
-/// Returns the register of a value. A value without a register, such as a node, counts as the shortest request.
+/// Returns the register of an address. An address that is not a register, such as an OPC UA node, counts as a holding
+/// register, which has the shortest request.
 pub(crate) fn register_for(address: &Address) -> Register {
     address.register().unwrap_or(holding(0))
 }
@@ -16,12 +17,13 @@ pub(crate) const fn holding(offset: u16) -> Register {
     Register { table: Table::Holding, offset }
 }
 
-/// Lengths of a read request and its answer in bytes, with unit and checksum.
+/// Returns the lengths of a read request and its answer, in bytes with unit and checksum. (0, 0) for a request that
+/// reads no registers.
 pub(crate) fn read_frames(request: &ReadRequest) -> (usize, usize) {
     request.span().map_or((0, 0), |(from, count)| cells_read(from.table, count))
 }
 
-/// Lengths of the request and the answer that read this many registers, in bytes, with unit and checksum.
+/// Returns the lengths of a request and its answer for reading this many registers, in bytes with unit and checksum.
 pub(crate) fn read_cells(address: &Address, registers: u16) -> (usize, usize) {
     cells_read(register_for(address).table, registers)
 }

@@ -5,10 +5,11 @@ use serde::Deserialize;
 
 use isotherm_core::codec::{Address, Table};
 
-/// Defines the function codes: each with its code, its word in a profile, and its permission.
+/// Generates the types for function codes. Each line has the code, its word in a profile, and the field for its
+/// permission.
 macro_rules! functions {
     ($($code:literal $word:ident $permission:ident),+) => {
-        /// Function code, as named in `functions`.
+        /// Function code, as the key `functions` of a device names it.
         #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, JsonSchema)]
         #[serde(rename_all = "kebab-case")]
         #[schemars(rename = "FunctionWord", description = "")]
@@ -35,7 +36,8 @@ macro_rules! functions {
                 Functions { $($permission: named.contains(&Function::$word),)+ }
             }
 
-            /// Returns whether this function code may be sent. 0 means an exchange without a Modbus function.
+            /// Returns whether this function code may be sent. Code 0 means an exchange without a Modbus function,
+            /// which is always allowed.
             pub const fn allow(&self, function: u8) -> bool {
                 match function {
                     0 => true,
@@ -68,7 +70,7 @@ pub enum WriteFunction {
 }
 
 impl WriteFunction {
-    /// Number of the function in a Modbus request.
+    /// Returns the function code: 6 or 16.
     pub const fn code(self) -> u8 {
         match self {
             WriteFunction::Single => 6,
@@ -78,7 +80,7 @@ impl WriteFunction {
 }
 
 impl Functions {
-    /// Returns whether this table may be read.
+    /// Returns whether registers or bits of this table may be read.
     pub const fn reads(self, table: Table) -> bool {
         match table {
             Table::Coil => self.read_coils,
@@ -109,7 +111,7 @@ impl Functions {
         }
     }
 
-    /// Returns the function code for writing this number of registers. 0 if there is none.
+    /// Returns the function code for writing this number of registers. Returns 0 if no allowed function can write them.
     pub(crate) fn write_code(self, registers: u16) -> u8 {
         self.writes(registers).map_or(0, WriteFunction::code)
     }

@@ -1,4 +1,4 @@
-//! Preview of a Modbus TCP line with a Modbus gateway to a serial line.
+//! Preview of a Modbus TCP line with a Modbus gateway, which connects it to a serial line.
 
 use crate::document::Section;
 use crate::{BusId, Profile};

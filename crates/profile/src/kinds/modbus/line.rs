@@ -1,4 +1,4 @@
-//! `[bus.*]` of Modbus lines: address, serial port, and security.
+//! `[bus.*]` of Modbus lines: address, serial port, and TLS.
 
 use std::time::Duration;
 
@@ -10,8 +10,8 @@ use crate::tables::bus::transport::{BusType, Transport};
 use crate::tables::bus::{LineSettings, LineType, RawBus};
 use crate::tables::{KeyContext, optional};
 
-/// Assumed answer time through a plain serial server. It includes two short frames at 9600 baud, because profiles do
-/// not state the baud rate.
+/// Assumed answer time of a device through a plain serial server. It includes two short frames at 9600 baud, because
+/// profiles do not state the baud rate behind a serial server.
 const ANSWER_THROUGH_SERVER: Duration = Duration::from_millis(30);
 /// Default port of Modbus TCP.
 const USUAL: u16 = 502;
@@ -50,7 +50,7 @@ pub(super) static TYPES: [LineType; 4] = [
     },
 ];
 
-/// Resolves transport and address of a line of this type.
+/// Resolves transport and address of a line of this type. The address is `None` if it has an error.
 pub(super) fn resolve(raw: &RawBus, at: &KeyContext<'_>, of: BusType) -> Option<(Transport, Option<String>)> {
     if of == BusType::ModbusTcp {
         return Some((Transport::Tcp, address(raw, at)));
@@ -74,7 +74,7 @@ pub(super) fn resolve(raw: &RawBus, at: &KeyContext<'_>, of: BusType) -> Option<
     Some((Transport::Serial(settings?), port))
 }
 
-/// Resolves the security of a modbus-tcp line at this address.
+/// Resolves the TLS settings of a modbus-tcp line at this address.
 pub(super) fn settings(
     raw: &RawBus,
     at: &KeyContext<'_>,
@@ -89,7 +89,7 @@ pub(super) fn settings(
     Some(LineSettings { tls, ..LineSettings::default() })
 }
 
-/// Checks host and port of a TCP line.
+/// Checks the host and port of a TCP line. Returns `None` if they have an error.
 pub(super) fn address(raw: &RawBus, at: &KeyContext<'_>) -> Option<String> {
     let at = at.key("address");
     let help = "write host and port, as \"192.168.0.10:502\"; 502 is Modbus TCP's usual port";
@@ -125,7 +125,7 @@ pub(super) fn address(raw: &RawBus, at: &KeyContext<'_>) -> Option<String> {
     at.reject(format!("`{address}` is no host and port"), help)
 }
 
-/// Resolves the settings of a serial port.
+/// Resolves the settings of a serial port. Returns `None` if they have an error.
 fn serial(raw: &RawBus, at: &KeyContext<'_>) -> Option<Serial> {
     let help = "write the baud rate that is set at the devices: 9600 and 19200 are usual";
     at.key("baud").missing("`baud` is missing: how fast is the line?", help);
@@ -133,7 +133,7 @@ fn serial(raw: &RawBus, at: &KeyContext<'_>) -> Option<Serial> {
     Some(Serial { baud: raw.baud?, parity, stop_bits })
 }
 
-/// Checks a serial port.
+/// Checks the path of a serial port. Returns `None` if it has an error.
 fn port(raw: &RawBus, at: &KeyContext<'_>) -> Option<String> {
     let at = at.key("port");
     let help = "write the port's path; `ls /dev/serial/by-id` shows the names that do not change when an \

@@ -1,4 +1,4 @@
-//! Time of a serial line: the check that its polls fit into it, and the preview of their share.
+//! Bus time that the polls of a serial line need: a check that they fit into their periods, and a preview.
 
 use std::collections::BTreeSet;
 
@@ -13,11 +13,12 @@ use crate::tables::signal::Signal;
 use crate::{BusId, Profile};
 use isotherm_core::codec::Table;
 
-/// Length of a read request, in bytes. `AROUND_DATA` is the length of an answer without its data: unit, function, byte
-/// count, checksum.
+/// Length of a read request in bytes. The next constant, `AROUND_DATA`, is the length of an answer without its data:
+/// unit, function, byte count, checksum.
 const READ: usize = 8;
 const AROUND_DATA: usize = 5;
-/// Fraction of a line's time for polls above which the line has no reserve for writes, slow devices and repetitions.
+/// Fraction of a line's time for polls above which the line has too little reserve for writes, slow devices and
+/// retries.
 const FULL: f64 = 0.8;
 
 /// Reports serial lines whose polls take longer than their periods. Warns about lines that are almost full.
@@ -49,7 +50,8 @@ pub(super) fn check(check: &Check<'_>) {
     }
 }
 
-/// Least time of one poll of a device in seconds: every register once, in the fewest requests.
+/// Returns the minimum duration of one poll of a device, in seconds. Every register is read once, with the fewest
+/// requests.
 fn least_time(serial: Serial, device: &Device, signals: &[&Signal]) -> f64 {
     let mut seconds = 0.0;
     for table in [Table::Coil, Table::Discrete, Table::Input, Table::Holding] {
@@ -76,7 +78,7 @@ fn least_time(serial: Serial, device: &Device, signals: &[&Signal]) -> f64 {
     seconds
 }
 
-/// Settings of a serial port, and the time of its polls without the answer times of the devices.
+/// Preview of a serial port: its settings, and the time for polls. The answer times of the devices are not included.
 pub(super) fn preview(profile: &Profile, id: BusId, serial: Serial) -> Section {
     let transport = profile.bus(id).transport;
     let settings = transport.port_settings();

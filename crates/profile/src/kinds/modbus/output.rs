@@ -1,4 +1,4 @@
-//! Outputs in holding registers.
+//! Resolves outputs that are written to holding registers.
 
 use crate::kinds::opcua::nodes::not_here;
 use crate::tables::KeyContext;
@@ -8,7 +8,7 @@ use crate::tables::output::{RawOutput, Target, applied, display, not_one_bit, sh
 use crate::tables::register::{self, plain};
 use isotherm_core::codec::{Encoding, Table};
 
-/// Reports the keys of an output that outputs in registers do not have.
+/// Reports keys of an output that are not allowed if its device is on a Modbus line.
 pub(super) fn foreign_keys(raw: &RawOutput, at: &KeyContext<'_>, device: &str) {
     not_here(at);
     let help = format!("`{device}` is on a Modbus line: write register = \"holding:100\"");

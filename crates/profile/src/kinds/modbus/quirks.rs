@@ -1,4 +1,4 @@
-//! `quirks` of a bus or a device: special requirements of a device.
+//! `quirks` of a bus or a device: how the gateway must treat devices that need special care.
 
 use std::time::Duration;
 
@@ -8,7 +8,8 @@ use serde::Deserialize;
 use crate::duration::Timespan;
 use crate::tables::bus::transport::Transport;
 
-/// Kind of line on which the quirk `gateway` is allowed. `WAITS` is the hint on a line with RTU frames.
+/// Type of the lines on which the quirk `gateway` is allowed, for messages. The next constant, `WAITS`, is the hint for
+/// lines with RTU frames.
 pub(crate) const OF_TCP: &str = "a modbus-tcp line";
 pub(crate) const WAITS: &str =
     "remove this key: on a line with RTU frames the gateway always waits for late answers";
@@ -66,7 +67,7 @@ pub struct Quirks {
 /// Whether a device on a Modbus TCP line is behind a Modbus gateway to a serial line.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Gateway {
-    /// Not stated: true if two or more units share the line.
+    /// The profile does not state it. A gateway is assumed if two or more units share the line.
     #[default]
     ByUnits,
     /// The device is behind a Modbus gateway.
@@ -76,7 +77,7 @@ pub enum Gateway {
 }
 
 impl Gateway {
-    /// Returns whether a device on a line with these units is behind a Modbus gateway.
+    /// Returns whether a device is behind a Modbus gateway. `units` are the unit numbers of all devices on its line.
     pub fn is_present(self, transport: Transport, mut units: impl Iterator<Item = u8>) -> bool {
         if transport != Transport::Tcp {
             return false;
@@ -105,15 +106,15 @@ impl Default for Quirks {
 }
 
 impl Quirks {
-    /// Returns whether two requests may wait for their answers at the same time: neither a pause nor a new connection
-    /// separates them.
+    /// Returns whether two requests may wait for their answers at the same time. This is not possible with a pause
+    /// between requests, or with a new connection for each request.
     pub const fn support_two(self) -> bool {
         self.pause_between_requests.is_zero() && !self.close_after_each
     }
 }
 
 impl RawQuirks {
-    /// Returns the quirks `below`, in which the keys of this table replace the values.
+    /// Returns the quirks `below`, with the values replaced that this table sets.
     pub(crate) fn over(&self, below: Quirks) -> Quirks {
         let span = |raw: Option<Timespan>, below| raw.map_or(below, |Timespan(span)| span);
         let most = self.max_registers_per_request;

@@ -49,8 +49,8 @@ pub(super) fn of(device: &Device, signals: &SignalsOf<'_>) -> Vec<ReadRequest> {
     requests
 }
 
-/// Merges the requests between a value and its scale, however far the two are apart, if the merged request is not too
-/// long. In one answer they belong together.
+/// Merges the request for a value with the request for its scale, even if their registers are far apart. Requests
+/// between the two are merged too. Nothing is merged if the request would become too long.
 fn join_scales(requests: &mut Vec<ReadRequest>, limit: u16) {
     let mut place = 0;
     while place < requests.len() {
@@ -64,8 +64,9 @@ fn join_scales(requests: &mut Vec<ReadRequest>, limit: u16) {
     }
 }
 
-/// Returns the last of the following requests that has the scale of a value in this request, or the value of a scale,
-/// and that fits into one request with it.
+/// Finds a later request that contains the scale of a value in the request `place`, or the value for a scale in it.
+/// Returns the index of the last such request that fits into one request together with `place`. `None` if there is
+/// none.
 fn farthest_partner(requests: &[ReadRequest], place: usize, limit: u16) -> Option<usize> {
     let (from, _) = requests[place].span()?;
     let belongs = |next: &ReadRequest| {
@@ -82,7 +83,7 @@ fn farthest_partner(requests: &[ReadRequest], place: usize, limit: u16) -> Optio
     (place + 1..requests.len()).rev().find(is_partner)
 }
 
-/// Adds the registers and fields of a request at a higher address in the same table.
+/// Appends the registers and fields of `next` to a request. `next` must be at a higher address of the same table.
 fn join(request: &mut ReadRequest, next: &ReadRequest) {
     let (ReadTarget::Registers { from, count }, Some((start, len))) = (&mut request.asks, next.span()) else {
         return;
@@ -92,8 +93,8 @@ fn join(request: &mut ReadRequest, next: &ReadRequest) {
     request.fields.extend(next.fields.iter().map(|field| Field { at: at + field.at, ..*field }));
 }
 
-/// Merges the next request by address into a request. Returns `false` if it is too far away, or if the merged request
-/// would be too long.
+/// Merges the next request by address into a request if possible. Returns `false` if `next` is too far away, or if the
+/// merged request would be too long.
 fn takes(request: &mut ReadRequest, next: &ReadRequest, quirks: &Quirks) -> bool {
     let (ReadTarget::Registers { from, count }, Some((start, len))) = (&request.asks, next.span()) else {
         return false;

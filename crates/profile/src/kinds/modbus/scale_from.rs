@@ -1,4 +1,4 @@
-//! `scale_from` and `decimals_from` of a signal: a register that contains the scale of the value.
+//! `scale_from` and `decimals_from` of a signal: a register from which the scale of the value is read.
 
 use crate::tables::device::Device;
 use crate::tables::register::{Bits, Cell, cell, plain};
@@ -6,7 +6,8 @@ use crate::tables::signal::RawSignal;
 use crate::tables::{Check, KeyContext};
 use isotherm_core::codec::{DataType, Encoding, Part, ScaleFrom, ScaleMeaning, Whole};
 
-/// Resolves the register of a signal's scale, if it has one. `value` is the place and the type of the value.
+/// Resolves the register from which a signal's scale is read. `None` if the signal has a fixed scale, or if the
+/// register has an error. `value` is the register of the value, with its type.
 pub(super) fn resolve(
     raw: &RawSignal,
     at: &KeyContext<'_>,
@@ -60,8 +61,8 @@ pub(super) fn resolve(
     Some(ScaleFrom { address, encoding: Encoding { byte_swap, ..plain(data_type) }, meaning })
 }
 
-/// Reports signals whose scale is read, but whose rate of change has no limit. After a change of the scale, the limit
-/// shows whether a value is plausible.
+/// Reports signals whose scale is read, but which have no limit for the rate of change. After a change of the scale,
+/// this limit decides whether a value is plausible.
 pub(super) fn check(check: &Check<'_>) {
     for signal in check.signals.valid() {
         let Some(from) = &signal.scale_from else { continue };

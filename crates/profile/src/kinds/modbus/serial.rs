@@ -1,4 +1,4 @@
-//! Serial lines: settings, and duration of transfers.
+//! Settings of a serial line, and the duration of transfers.
 
 use std::fmt;
 use std::str::FromStr;
@@ -7,7 +7,8 @@ use std::time::Duration;
 use schemars::JsonSchema;
 use serde::Deserialize;
 
-/// Highest baud rate at which the silence between frames is measured in characters. Above, it is a fixed time.
+/// Highest baud rate at which the silence between frames depends on the character time. Above this rate, the silence is
+/// fixed.
 const FASTEST_BY_CHARACTERS: u32 = 19_200;
 
 /// Settings of a serial port. There are always eight data bits, because Modbus RTU allows nothing else.
@@ -58,14 +59,14 @@ impl FromStr for Parity {
 }
 
 impl Serial {
-    /// Time of one character: start bit, eight data bits, parity bit, stop bits.
+    /// Returns the duration of one character: start bit, eight data bits, parity bit, stop bits.
     pub fn character(&self) -> Duration {
         let bits = 1 + 8 + u32::from(self.parity != Parity::None) + u32::from(self.stop_bits);
         Duration::from_secs(1) * bits / self.baud.max(1)
     }
 
-    /// Silence between two frames: 3.5 characters of eleven bits, and 1.75 ms above 19,200 baud (Modbus over Serial
-    /// Line V1.02, 2.5.1.1).
+    /// Returns the silence between two frames (Modbus over Serial Line V1.02, 2.5.1.1). This is the duration of 3.5
+    /// characters of eleven bits. Above 19,200 baud it is 1.75 ms.
     pub fn silence(&self) -> Duration {
         if self.baud > FASTEST_BY_CHARACTERS {
             return Duration::from_micros(1750);
@@ -73,19 +74,19 @@ impl Serial {
         Duration::from_secs(1) * 77 / (2 * self.baud.max(1))
     }
 
-    /// Returns settings with which the times of RTU frames are at least those of ASCII frames with the same content. An
-    /// ASCII frame has two characters for each byte, and one more.
+    /// Returns settings with a reduced baud rate, so that times calculated for RTU frames are long enough for ASCII
+    /// frames. An ASCII frame has two characters for each byte, and one more.
     pub const fn for_ascii(self) -> Serial {
         Serial { baud: self.baud / 5 * 2 + 1, ..self }
     }
 
-    /// Time for transferring this number of bytes.
+    /// Returns the duration of transferring this number of bytes.
     pub fn bytes(&self, count: usize) -> Duration {
         self.character() * u32::try_from(count).unwrap_or(u32::MAX)
     }
 
-    /// Time for which one request and its answer occupy the line. The arguments are the lengths of the frames in bytes,
-    /// with unit and checksum. The answer time of the device is not included.
+    /// Returns the time for which one request and its answer occupy the line. The arguments are the lengths of the
+    /// frames in bytes, with unit and checksum. The time until the device begins its answer is not included.
     pub fn exchange(&self, request: usize, answer: usize) -> Duration {
         self.bytes(request + answer) + 2 * self.silence()
     }

@@ -1,4 +1,4 @@
-//! Signals in registers, coils and discrete inputs.
+//! Resolves signals that are read from registers, coils and discrete inputs.
 
 use super::scale_from;
 use crate::tables::KeyContext;
@@ -9,7 +9,7 @@ use crate::tables::signal::unit::Unit;
 use crate::tables::signal::{Located, PLACES, RawSignal};
 use isotherm_core::codec::{DataType, Encoding};
 
-/// Resolves the register of a signal.
+/// Resolves the register of a signal, with its type and scale. `None` if they have an error.
 pub(super) fn resolve(raw: &RawSignal, at: &KeyContext<'_>, device: Option<&Device>) -> Option<Located> {
     if raw.register.is_none() && PLACES.into_iter().any(|key| at.has(key)) {
         // A place on another kind of line has been reported.
@@ -54,7 +54,7 @@ pub(super) fn resolve(raw: &RawSignal, at: &KeyContext<'_>, device: Option<&Devi
     Some(Located { scale_from, ..Located::of(address.into(), encoding, unit) })
 }
 
-/// Resolves the type of a register, a bit or several bits.
+/// Resolves the type of a signal: that of whole registers, of one bit, or of several bits.
 fn type_in(raw: &RawSignal, at: &KeyContext<'_>, cell: Cell) -> Option<DataType> {
     let kind = raw.kind.map(|TypeWord(kind)| kind);
     let is_bits = cell.address.table.is_bits();

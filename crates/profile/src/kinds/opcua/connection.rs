@@ -1,4 +1,4 @@
-//! OPC UA connection: endpoint of the server, security, and user of the gateway.
+//! Settings of an OPC UA connection: endpoint of the server, security, and the user as which the gateway logs in.
 //!
 //! The files are read with the profile, so that a missing file is reported at its key. The module that opens the line
 //! checks their content.
@@ -18,12 +18,12 @@ use crate::tables::bus::tls::{NamedFile, pair, password};
 pub(crate) const PORT: u16 = 4840;
 pub(crate) const SCHEME: &str = "opc.tcp://";
 
-/// Protection of the messages.
+/// Message security of an OPC UA connection.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, Serialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 #[schemars(rename = "SecurityWord", description = "")]
 pub enum Security {
-    /// No protection: anyone on the network can read and change them.
+    /// No security: anyone on the network can read and change the messages.
     None,
     /// Messages are signed.
     Sign,
@@ -31,7 +31,7 @@ pub enum Security {
     SignAndEncrypt,
 }
 
-/// User of the gateway, with a password or a certificate.
+/// User as which the gateway logs in, with a password or a certificate.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 #[schemars(rename = "OpcUaUser")]
@@ -49,11 +49,11 @@ pub(crate) struct RawUser {
 /// Settings of a connection to a server.
 #[derive(Clone, Debug, PartialEq)]
 pub struct OpcUa {
-    /// Protection of the messages.
+    /// Message security of the connection.
     pub security: Security,
-    /// User of the gateway.
+    /// User as which the gateway logs in.
     pub user: User,
-    /// Certificate and key of the gateway. `None` without security.
+    /// Certificate and private key of the gateway. `None` if the connection has no message security.
     pub own: Option<(NamedFile, NamedFile)>,
     /// Certificates of trusted servers.
     pub trusted: Vec<NamedFile>,
@@ -62,7 +62,7 @@ pub struct OpcUa {
     pub(super) type_at: ProfileError,
 }
 
-/// User of the gateway.
+/// User as which the gateway logs in.
 #[derive(Clone, Debug, PartialEq)]
 pub enum User {
     /// The gateway logs in without a user name.
@@ -84,7 +84,7 @@ pub enum User {
 }
 
 impl OpcUa {
-    /// Creates settings without security and with an anonymous user, for a server that no profile names.
+    /// Creates settings without message security and with an anonymous user, for a server that is in no profile.
     pub fn plain() -> OpcUa {
         OpcUa {
             security: Security::None,
@@ -102,7 +102,7 @@ impl OpcUa {
         ProfileError { message, help, ..self.type_at.clone() }
     }
 
-    /// Returns the secret files: private keys and password.
+    /// Returns the secret files: private keys and the file with the password.
     pub fn secrets(&self) -> impl Iterator<Item = &NamedFile> {
         let of_user = match &self.user {
             User::Anonymous => None,
@@ -112,7 +112,7 @@ impl OpcUa {
         self.own.iter().map(|(_, key)| key).chain(of_user)
     }
 
-    /// Preview of the connection: protection, user, and trusted servers.
+    /// Preview of the connection: message security, user, and trusted servers.
     pub(crate) fn preview(&self) -> Section {
         let security = match self.security {
             Security::None => "neither signed nor encrypted",

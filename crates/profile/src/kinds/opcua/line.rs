@@ -41,7 +41,7 @@ pub(super) fn resolve(raw: &RawBus, at: &KeyContext<'_>) -> Option<OpcUa> {
     Some(OpcUa { security, user: user?, own, trusted, trusted_in, type_at })
 }
 
-/// Reads the certificates in the named directory.
+/// Reads the trusted certificates in the named directory. Warns if there are none.
 fn trusted(at: &KeyContext<'_>, directory: Option<&String>) -> Option<Vec<NamedFile>> {
     let at = at.key("trusted");
     let help = "name a directory with the certificates of the trusted servers, one in each file, with the \

@@ -1,4 +1,4 @@
-//! Keys for OPC UA at signals, outputs, sets and devices: nodes, types, and the meaning of timestamps.
+//! Keys for OPC UA at signals, outputs, sets and devices: nodes, types, and what a timestamp means.
 
 use schemars::JsonSchema;
 use serde::Deserialize;
@@ -8,7 +8,7 @@ use crate::tables::KeyContext;
 use crate::tables::register::{TypeWord, holding, is_of_registers};
 use isotherm_core::codec::{Address, DataType, Element, Node, NodeId};
 
-/// Meaning of a server's timestamps.
+/// What a timestamp of the server means.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 #[schemars(rename = "SourceTimeWord", description = "")]
@@ -20,7 +20,7 @@ pub enum SourceTime {
     Changed,
 }
 
-/// Way of reading the signals of a server.
+/// How the signals of a server are read.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 #[schemars(rename = "ReadWord", description = "")]
@@ -28,11 +28,12 @@ pub enum ReadBy {
     /// The gateway requests the values in each poll period.
     #[default]
     Poll,
-    /// The server sends changed values without a request.
+    /// The server sends the values when they change (OPC UA subscription).
     Subscription,
 }
 
-/// Place of a word or bit that is not the value of an output: a register, or a node of an OPC UA server.
+/// Address of a word or bit that is not the value of an output, for example of a strobe signal. It is a register, or a
+/// node of an OPC UA server.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(untagged)]
 #[schemars(rename = "WordPlace", description = "")]
@@ -90,7 +91,8 @@ pub(crate) struct RawNode {
 }
 
 impl Place {
-    /// Resolves the register or node of a word that is written. `most` is its largest value.
+    /// Resolves the register or node of a word that the gateway writes. The type must be able to hold values up to
+    /// `most`.
     pub(crate) fn word(&self, at: &KeyContext<'_>, is_in_nodes: bool, most: u16) -> Option<Address> {
         match (self, is_in_nodes) {
             (Place::Register(text), false) => holding(at, Some(text)).map(Address::Modbus),
@@ -99,7 +101,8 @@ impl Place {
         }
     }
 
-    /// Reports a register for an OPC UA server (`is_in_nodes`), or a node for a Modbus device.
+    /// Reports an address of the wrong kind, and returns `None`. If `is_in_nodes` is true, the device is an OPC UA
+    /// server and cannot have a register. Otherwise it cannot have a node.
     pub(crate) fn is_foreign<T>(&self, at: &KeyContext<'_>, is_in_nodes: bool) -> Option<T> {
         match is_in_nodes {
             true => at.reject(
@@ -112,7 +115,7 @@ impl Place {
 }
 
 impl RawNode {
-    /// Resolves the node of a word that is written. `most` is its largest value.
+    /// Resolves the node of a word that the gateway writes. The type must be able to hold values up to `most`.
     pub(crate) fn word(&self, at: &KeyContext<'_>, most: u16) -> Option<Node> {
         let node = written(at, self.node.as_ref(), self.kind)?;
         holds(at, &node, most)?;
@@ -120,7 +123,7 @@ impl RawNode {
     }
 }
 
-/// Checks that a node can hold integers up to `most`.
+/// Checks that the type of a node can hold integers up to `most`. Otherwise reports an error and returns `None`.
 pub(crate) fn holds(at: &KeyContext<'_>, node: &Node, most: u16) -> Option<()> {
     let name = node.taken_as().name();
     let message = match node.taken_as().integer_range() {
@@ -132,7 +135,8 @@ pub(crate) fn holds(at: &KeyContext<'_>, node: &Node, most: u16) -> Option<()> {
     at.key("type").reject(message, help)
 }
 
-/// Owner of the key `node`, and the hint for it on another kind of line.
+/// Name of the tables that may have the key `node`, used in messages. The next constant, `ELSEWHERE`, is the hint for
+/// other tables.
 pub(super) const OWNER: &str = "an OPC UA server";
 pub(super) const ELSEWHERE: &str = "remove this key, or put the device on an opcua line";
 
@@ -140,7 +144,7 @@ pub(super) const ELSEWHERE: &str = "remove this key, or put the device on an opc
 pub(crate) const TYPES: &str =
     "allowed: bool, u8, i8, u16, i16, u32, i32, u64, i64, f32, f64; an OPC UA browser shows the node's type";
 
-/// Parses the node at the key `node`. `what` completes the message if the key is missing.
+/// Parses the node identifier at the key `node`. `what` completes the message if the key is missing.
 pub(crate) fn id(at: &KeyContext<'_>, text: Option<&String>, what: &str) -> Option<NodeId> {
     let at = at.key("node");
     let help = "write the server's name of the node, as \"ns=2;s=/Nck/State\" or \
@@ -149,8 +153,8 @@ pub(crate) fn id(at: &KeyContext<'_>, text: Option<&String>, what: &str) -> Opti
     text?.parse().map_err(|why: String| at.invalid(why, help)).ok()
 }
 
-/// Checks the type of a node at the key `type`. `None` if the profile states none, `Err` if an impossible type was
-/// reported.
+/// Checks the type of a node at the key `type`. Returns `None` if the profile states no type, and `Err` if OPC UA nodes
+/// cannot have the type, which is then reported.
 pub(crate) fn node_type(at: &KeyContext<'_>, kind: Option<TypeWord>) -> Result<Option<DataType>, ()> {
     match kind {
         Some(TypeWord(DataType::Decimal24(_))) => {
@@ -166,7 +170,7 @@ pub(crate) fn node_type(at: &KeyContext<'_>, kind: Option<TypeWord>) -> Result<O
     }
 }
 
-/// Resolves the node of a signal. Without a type, any number is accepted.
+/// Resolves the node of a signal. If the profile states no type, the gateway accepts any numeric type.
 pub(crate) fn read(
     at: &KeyContext<'_>,
     text: Option<&String>,
@@ -181,12 +185,14 @@ pub(crate) fn read(
     Some(Node { element, ..Node::new(id?, data_type.ok()?) })
 }
 
-/// Resolves the node of an output, which is written in its own type.
+/// Resolves the node of an output. The profile must state the type of the node, because the server accepts no other
+/// type.
 pub(crate) fn written(at: &KeyContext<'_>, text: Option<&String>, kind: Option<TypeWord>) -> Option<Node> {
     typed(at, text, kind, ("which node is written?", "a server accepts a value only in the node's own type"))
 }
 
-/// Resolves the node of a check, which is compared in its own type.
+/// Resolves the node of a check (`verify`). The profile must state the type of the node, in which the value is
+/// compared.
 pub(crate) fn compared(at: &KeyContext<'_>, text: Option<&String>, kind: Option<TypeWord>) -> Option<Node> {
     typed(at, text, kind, ("which node is read?", "the value is compared in the node's own type"))
 }
@@ -202,7 +208,7 @@ fn typed(
     Some(Node::new(id?, Some(data_type.ok()??)))
 }
 
-/// Reports the key `node` of an output on another kind of line.
+/// Reports the key `node` of an output that is not on an OPC UA server.
 pub(crate) fn not_here(at: &KeyContext<'_>) {
     at.not_applicable(&["node"], OWNER, ELSEWHERE);
 }

@@ -1,4 +1,4 @@
-//! `[bus.*]` of lines with text: serial port, or address of a serial server.
+//! `[bus.*]` of lines with text: the serial port, or the address of a serial server.
 
 use crate::host_port::host_and_port;
 use crate::kinds::modbus::serial::Serial;
@@ -10,7 +10,8 @@ use crate::tables::bus_kind::TransportAddress;
 /// Usual port of serial servers in examples.
 const USUAL: u16 = 4001;
 
-/// Resolves transport and address of a line: those of a serial server if the line has an `address`.
+/// Resolves transport and address of a line. If the line has the key `address`, it is connected through a serial
+/// server.
 pub(super) fn resolve(raw: &RawBus, at: &KeyContext<'_>) -> Option<TransportAddress> {
     if at.key("address").is_written() {
         let help = "remove this key: these settings are made at the serial server";
@@ -26,7 +27,7 @@ pub(super) fn resolve(raw: &RawBus, at: &KeyContext<'_>) -> Option<TransportAddr
     Some((Transport::Ascii { serial, data_bits: raw.data_bits.unwrap_or(8) }, port))
 }
 
-/// Checks the serial port.
+/// Checks the path of the serial port. Returns `None` if it has an error.
 fn port(at: &KeyContext<'_>, port: Option<&String>) -> Option<String> {
     let help = "write the port's path, as \"/dev/serial/by-id/usb-…\"; or, for a serial server, address = \
                 \"192.168.0.20:4001\"";
@@ -43,7 +44,7 @@ fn port(at: &KeyContext<'_>, port: Option<&String>) -> Option<String> {
     Some(port.clone())
 }
 
-/// Checks host and port of a serial server.
+/// Checks host and port of a serial server. Returns `None` if they have an error.
 fn address(at: &KeyContext<'_>, address: Option<&String>) -> Option<String> {
     let address = address?;
     let help = match host_and_port(address) {
