@@ -67,7 +67,7 @@ pub(crate) struct Checked {
 }
 
 impl RawProfile {
-    /// Checks and resolves the profile.
+    /// Checks all tables of the profile, and resolves them.
     pub(crate) fn check(
         &self,
         spans: &SourceMap,

@@ -99,7 +99,7 @@ pub enum Purpose {
     /// The axis compensates the error of its machine axis.
     #[default]
     Compensation,
-    /// The axis only returns a register that outputs no longer use to its base value (value without Cz). A profile file
+    /// The axis does not compensate. It only removes Cz from a register that no output uses any longer. A profile file
     /// cannot contain such an axis.
     Release,
 }
@@ -107,17 +107,17 @@ pub enum Purpose {
 /// Axis of the profile, after all its keys were checked.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Axis {
-    /// Settings for the calculation of Cz in each update.
+    /// Settings from which Cz is calculated in each update.
     pub settings: AxisSettings,
     /// Display name. Empty if the profile has none.
     pub label: String,
     /// Whether the offset is a diameter, as for X of a lathe. Cz is then doubled when written.
     pub diameter: bool,
-    /// Signal from which measured errors are read. `None` if errors come only by command, or not at all.
+    /// Signals from which measured errors are read. `None` if measured errors come only by command, or not at all.
     pub probe_input: Option<ProbeInput>,
-    /// Learning of the model from measured errors. `None` if the axis does not learn.
+    /// Settings for learning the model from measured errors. `None` if the axis does not learn.
     pub learning: Option<Learning>,
-    /// Purpose of the axis.
+    /// Purpose of the axis: compensation, or the release of a register.
     pub purpose: Purpose,
 }
 
@@ -192,27 +192,27 @@ impl Axis {
         !self.settings.models.is_empty()
     }
 
-    /// Returns whether Cz is measured from this reference: it is the datum (zero point of Cz) of the axis, or a
-    /// reference in its models.
+    /// Returns whether Cz depends on a value captured at this reference ("start" or "zero"). This is the case if a
+    /// model or the datum (zero point of Cz) of the axis uses the reference.
     pub fn counts_from(&self, reference: Reference) -> bool {
         let by_datum = reference == Reference::Zero && self.settings.datum == Datum::Zero;
         by_datum
             || self.settings.models.iter().flat_map(Model::rises).any(|input| input.reference == reference)
     }
 
-    /// Returns whether a model of the axis states how large its error probably is.
+    /// Returns whether a model of the axis has the key `expected`, which states its probable error.
     pub fn says_how_wrong(&self) -> bool {
         self.settings.models.iter().any(|model| model.expected.is_some())
     }
 
-    /// Factor of Cz in the written value: 2 for a diameter, otherwise 1.
+    /// Returns the factor of Cz in the written value: 2 for a diameter, otherwise 1.
     pub(super) fn factor(&self) -> f64 {
         if self.diameter { 2.0 } else { 1.0 }
     }
 }
 
 impl RawAxis {
-    /// Resolves an axis. `settle` is the averaging time of the machine's references.
+    /// Resolves an axis. `settle` is the averaging time of references, from the table `[machine]`.
     pub(super) fn resolve(&self, settle: Option<Timespan>, at: &KeyContext<'_>, name: &str) -> Option<Axis> {
         let guard = self.guard(at);
         let every = at.key("every").period(self.every);
@@ -282,8 +282,8 @@ impl RawAxis {
         })
     }
 
-    /// Resolves the datum (zero point of Cz). Reports the datum "zero" if a reference of a model is also captured at
-    /// zero, because the same drift would be subtracted twice.
+    /// Resolves the datum (zero point of Cz). Reports an error if both `datum` and an input of a model have the
+    /// reference "zero", because the same drift would be subtracted twice.
     fn datum(&self, at: &KeyContext<'_>) -> Datum {
         let Some(DatumWord::Zero) = self.datum else { return Datum::Model };
         let models = || self.model.iter().flatten();
@@ -300,7 +300,7 @@ impl RawAxis {
         Datum::Zero
     }
 
-    /// Checks and resolves the levels: warn ≤ limit ≤ error.
+    /// Checks and resolves the levels, which must satisfy warn ≤ limit ≤ error.
     fn levels(&self, at: &KeyContext<'_>) -> Option<Levels> {
         let warn = level(&at.key("warn"), self.warn);
         let error = level(&at.key("error"), self.error);

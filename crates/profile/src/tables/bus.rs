@@ -19,7 +19,7 @@ pub(super) mod resolve;
 pub(crate) mod tls;
 pub(crate) mod transport;
 
-/// Reason why `pipeline = 2` is not possible with some quirks.
+/// Message if `pipeline = 2` is combined with quirks that do not allow two requests at the same time.
 pub(crate) const APART: &str =
     "two requests at a time are not possible with `pause_between_requests` or `close_after_each`";
 /// One physical line.
@@ -96,23 +96,23 @@ pub(crate) struct RawSync {
     pub(crate) every: Option<Timespan>,
 }
 
-/// Type of a line: its keys, and how programs share it.
+/// Type of a line: its word in the profile, its keys, and whether several buses may share it.
 pub(crate) struct LineType {
     /// Word in the key `type`.
     pub(crate) word: BusType,
     /// Name of the line in the preview.
     pub(crate) title: &'static str,
-    /// Keys of `OWNERS` that lines of this type have.
+    /// Keys of the table `OWNERS` that lines of this type may have.
     pub(crate) keys: &'static [&'static str],
-    /// Key of a line that only one bus may have, because two would receive each other's answers. `None` for a line that
-    /// several clients can use.
+    /// Key by which a physical line is recognised, for example `port`. Only one bus may have the same value, because
+    /// two buses would receive each other's answers. `None` if several clients can use a line of this type.
     pub(crate) exclusive: Option<&'static str>,
-    /// Assumed time until a current device begins its answer, including its network.
+    /// Assumed time from a request until the device begins its answer, including the network.
     pub(crate) answer: Duration,
 }
 
 impl LineType {
-    /// Answer time of a device without a slow part of the line.
+    /// Assumed answer time of a device if the line has no slow part, such as a serial server.
     pub(crate) const ANSWER: Duration = Duration::from_millis(10);
 }
 
@@ -124,7 +124,7 @@ pub(crate) struct LineSettings {
     pub(crate) sync: Option<Sync>,
 }
 
-/// Line of the profile, after all its keys were checked.
+/// Bus of the profile (one physical line), after all its keys were checked.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Bus {
     /// Name in the profile.
@@ -133,11 +133,11 @@ pub struct Bus {
     pub transport: Transport,
     /// Host and port, serial port, CAN interface, URL of the server, or directory of the kernel's sensors, as written.
     pub address: String,
-    /// Modbus/TCP Security. `None` without encryption.
+    /// TLS settings (Modbus/TCP Security). `None` if the line is not encrypted.
     pub tls: Option<Box<Tls>>,
     /// Settings of an OPC UA connection. `None` on every other line.
     pub opcua: Option<Box<OpcUa>>,
-    /// Timeout of an answer and of a connection.
+    /// Timeout for an answer and for connecting.
     pub timeout: Duration,
     /// Time during which a write without an answer may still arrive. Never less than `timeout`.
     pub late: Duration,
@@ -145,11 +145,11 @@ pub struct Bus {
     pub pipeline: u8,
     /// Quirks: special requirements of the devices on the line.
     pub quirks: Quirks,
-    /// SYNC that the gateway sends on a CAN line.
+    /// SYNC message that the gateway sends on a CAN line. `None` if it sends none.
     pub sync: Option<Sync>,
 }
 
-/// SYNC that the gateway sends on a line.
+/// CANopen SYNC message that the gateway sends periodically on a line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Sync {
     /// CAN identifier of the SYNC message.
@@ -159,7 +159,8 @@ pub struct Sync {
 }
 
 impl Bus {
-    /// Preview of the line: its kind, its serial port or CAN interface, a Modbus gateway on it, and its load.
+    /// Preview of the line: its kind and address, its serial port or CAN interface, the Modbus gateway on it, and its
+    /// load.
     pub(crate) fn preview(
         &self,
         (title, reads_only): (&str, Option<&str>),

@@ -1,4 +1,4 @@
-//! Kind of bus: what the tables, the plan and the preview need of the types of lines of one kind.
+//! Interface of a kind of bus, through which the tables, the plan and the preview use it.
 //!
 //! The tables know this type only. `kinds` contains one value for each kind, and the list of all.
 
@@ -19,10 +19,10 @@ use crate::{BusId, Profile, Signal};
 use isotherm_core::codec::Address;
 use isotherm_core::reading::SignalId;
 
-/// Keys, their owner in messages, and the hint for them.
+/// Keys that are not allowed, the name of the tables that may have them, and a hint. The last two are used in messages.
 pub(crate) type ForeignKeys = (&'static [&'static str], &'static str, &'static str);
 
-/// Transport of a line, and its address. The address is `None` if it has an error.
+/// Transport of a line, and its address. The address is `None` if it is invalid.
 pub(crate) type TransportAddress = (Transport, Option<String>);
 
 /// Signals of one device, with their indices.
@@ -31,78 +31,84 @@ pub(crate) type SignalsOf<'a> = [(SignalId, &'a Signal)];
 /// Keys of a signal that only one kind of bus has.
 pub(crate) struct SignalKeys {
     pub(crate) keys: &'static [&'static str],
-    /// Owner of the keys in messages.
+    /// Name of the tables that may have the keys, used in messages.
     pub(crate) owner: &'static str,
-    /// Hint for a key on a line of another kind. `None` for the hint of that kind.
+    /// Hint if the key is used on a line of another kind. `None` if that kind has its own hint.
     pub(crate) help: Option<&'static str>,
 }
 
-/// Kind of bus.
+/// Kind of bus: its types of lines, and the functions that check, plan and preview them.
 pub(crate) struct BusKind {
     pub(crate) types: &'static [LineType],
-    /// Default timeout. `None` if it results from the periods on the line.
+    /// Default timeout. `None` if the timeout is calculated from the periods on the line.
     pub(crate) timeout: Option<Duration>,
-    /// Reason why nothing is written to a line of this kind. `None` if it is written to.
+    /// Message if the gateway cannot write to a line of this kind. `None` if it can.
     pub(crate) only_read: Option<&'static str>,
-    /// Whether values are in registers.
+    /// Whether the values of devices on this kind of bus are in registers.
     pub(crate) has_registers: bool,
-    /// Whether the exchanges of a line follow each other, so that it has a load.
+    /// Whether only one exchange can take place on a line at a time. Then the preview shows the load of the line.
     pub(crate) has_load: bool,
-    /// Returns whether a line whose type has an error is of this kind.
+    /// Returns whether a line with an invalid `type` is of this kind, judging by its other keys.
     pub(crate) recognises: fn(&RawBus) -> bool,
-    /// Checks the keys of a line whose type has an error. The flag is set if the line was recognised.
+    /// Checks the other keys of a line with an invalid `type`. The flag is true if these keys show the kind of the
+    /// line.
     pub(crate) line_without_type: fn(&RawBus, &KeyContext<'_>, bool),
     /// Resolves transport and address of a line. `None` if the transport has an error.
     pub(crate) line: fn(&RawBus, &KeyContext<'_>, BusType) -> Option<TransportAddress>,
-    /// Resolves the settings that only some types of lines have. The text is the address.
+    /// Resolves settings that only some types of lines have. The last argument is the address of the line.
     pub(crate) settings: fn(&RawBus, &KeyContext<'_>, BusType, Option<&str>) -> Option<LineSettings>,
-    /// Resolves the parts of a device that depend on the kind of its line. The line is `None` if it has an error.
+    /// Resolves the parts of a device that depend on the kind of its line. The last argument is the line, or `None` if
+    /// it has an error.
     pub(crate) device: fn(&Check<'_>, &RawDevice, &KeyContext<'_>, Option<&Bus>) -> DeviceParts,
-    /// Keys that a device of this kind does not have.
+    /// Keys that a device on this kind of bus cannot have.
     pub(crate) foreign_device_keys: &'static [ForeignKeys],
-    /// Reports the keys that only devices of this kind have, at a device on a line of another kind.
+    /// Reports the keys of this kind at a device whose line is of another kind.
     pub(crate) device_keys_elsewhere: fn(&RawDevice, &KeyContext<'_>),
-    /// Resolves a check of a device.
+    /// Resolves one check (`verify`) of a device.
     pub(crate) verify: fn(&RawVerify, &KeyContext<'_>, Functions) -> Option<Expected>,
-    /// Keys that only signals of this kind have.
+    /// Keys that only signals on this kind of bus have.
     pub(crate) signal_keys: SignalKeys,
-    /// Hint for a signal that has keys of another kind: the place to write on this device.
+    /// Hint for a signal with keys of another kind: the key to write for a signal on the named device.
     pub(crate) signal_help: fn(&str) -> String,
-    /// Reports wrong combinations of keys of a signal on this device. Returns the keys of other kinds among them.
+    /// Reports wrong combinations of keys of a signal on the named device. Returns those keys of other kinds that it
+    /// has reported.
     pub(crate) check_signal: fn(&RawSignal, &KeyContext<'_>, &str) -> &'static [&'static str],
-    /// Returns whether a signal has a place on a line of this kind, or the missing place is reported in any case.
+    /// Returns whether a signal has a place on a line of this kind. Also returns `true` if the function `signal`
+    /// reports the missing place.
     pub(crate) has_place: fn(&RawSignal) -> bool,
     /// Returns whether the value of a signal arrives without a request, so that no poll period limits its age.
     pub(crate) comes_by_itself: fn(&RawSignal) -> bool,
-    /// Resolves the place of a signal.
+    /// Resolves the address and the encoding of a signal.
     pub(crate) signal: fn(&Check<'_>, &RawSignal, &KeyContext<'_>, Option<&Device>) -> Option<Located>,
-    /// Reports the keys of an output on this device that outputs of this kind do not have.
+    /// Reports the keys of an output that are not allowed on this kind of bus. The text is the name of its device.
     pub(crate) foreign_output_keys: fn(&RawOutput, &KeyContext<'_>, &str),
-    /// Resolves the target of an output with this name, on the device with this index.
+    /// Resolves address and encoding of an output. The arguments are its name, and the index of its device.
     pub(crate) output: fn(&Check<'_>, &RawOutput, &KeyContext<'_>, &str, Option<usize>) -> Option<Target>,
     /// Resolves the register or node of the heartbeat.
     pub(crate) heartbeat: fn(&RawHeartbeat, &KeyContext<'_>) -> Option<Address>,
-    /// Completes the devices with what their outputs need.
+    /// Adds to the devices the data that results from their outputs, such as CAN frames.
     pub(crate) complete: fn(&mut Check<'_>),
-    /// Checks all tables for conflicts on lines of this kind.
+    /// Checks all tables for conflicts on lines of this kind of bus.
     pub(crate) check: fn(&Check<'_>),
-    /// Plans the requests that read these signals of one device. Skips the signals of other kinds.
+    /// Plans the requests that read these signals of one device. Signals on other kinds of buses are skipped.
     pub(crate) requests: fn(&Device, &SignalsOf<'_>) -> Vec<ReadRequest>,
-    /// Description of a device in the preview, from its period and the summary of its requests.
+    /// Describes a device in the preview. The arguments are its period, and the summary of its requests.
     pub(crate) device_preview: fn(&Device, &str, &str) -> String,
-    /// Description of reads and writes in the preview, if writes without an answer cannot arrive later.
+    /// Sentence about reads and writes in the preview. `None` for the usual sentence, which says how long a write
+    /// without an answer may still arrive.
     pub(crate) line_preview: Option<&'static str>,
-    /// Sections about a line in the preview, each with its key.
+    /// Returns the sections about a line in the preview, each with its key in the JSON.
     pub(crate) preview: fn(&Profile, BusId) -> Vec<(&'static str, Section)>,
-    /// Returns whether a check could detect that another device has replaced this one.
+    /// Returns whether a check (`verify`) could detect that this device has been replaced by another one.
     pub(crate) can_be_identified: fn(&Device) -> bool,
-    /// Returns the places of a written value of this many registers, at the unit with this number, as texts. Empty for an
-    /// address of another kind.
+    /// Returns the registers or other places of a written value as texts. The arguments are unit number, address, and
+    /// number of registers. Empty for an address of another kind.
     pub(crate) written: fn(u8, &Address, u16) -> Vec<String>,
 }
 
 impl BusKind {
-    /// Kind of polled devices. Each kind replaces what differs, at least the first fields.
+    /// Defaults for a kind of bus whose devices are polled. Each kind replaces the fields that differ, at least the
+    /// first ones.
     pub(crate) const POLLED: BusKind = BusKind {
         types: &[],
         line: |_, _, _| None,
@@ -136,7 +142,7 @@ impl BusKind {
         written: |_, _, _| Vec::new(),
     };
 
-    /// Returns this type of line. `None` if it is of another kind.
+    /// Returns the type of line for this word. `None` if it belongs to another kind of bus.
     pub(crate) fn line_type(&self, of: BusType) -> Option<&'static LineType> {
         self.types.iter().find(|known| known.word == of)
     }

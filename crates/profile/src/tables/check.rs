@@ -21,21 +21,21 @@ use crate::members::Members;
 use crate::source_map::SourceMap;
 use crate::template::Templates;
 
-/// Tables of one kind: their names, and the resolved ones so far.
+/// Tables of one kind: their names, and the tables that have been resolved so far.
 pub(crate) struct Tables<T> {
     pub(crate) names: Names,
     /// Resolved tables in the order of the names. `None` if a table has errors.
     pub(crate) resolved: Vec<Option<T>>,
 }
 
-/// State of a check in progress.
+/// Check of a profile in progress: the tables as written, the resolved tables, and the errors.
 pub(crate) struct Check<'a> {
     pub(crate) raw: &'a RawProfile,
     /// JSON schema of a profile.
     pub(super) schema: &'a Value,
     pub(crate) report: Report<'a>,
     pub(super) templates: &'a Templates,
-    /// All kinds of buses. A line whose type has an error counts as one of the first kind.
+    /// All kinds of buses. A line with an invalid type is treated as the first kind.
     pub(super) kinds: &'static [&'static BusKind],
     pub(crate) buses: Tables<Bus>,
     pub(crate) devices: Tables<Device>,
@@ -55,7 +55,7 @@ impl<T> Tables<T> {
         Tables { names: Names::of(kind, raw, spans), resolved: Vec::new() }
     }
 
-    /// Returns the resolved table at this index. `None` if it has errors.
+    /// Returns the resolved table at this index. `None` if the table has errors, or has not been resolved yet.
     pub(crate) fn get(&self, place: usize) -> Option<&T> {
         self.resolved.get(place)?.as_ref()
     }
@@ -65,21 +65,21 @@ impl<T> Tables<T> {
         self.resolved.iter().flatten()
     }
 
-    /// Collects the tables without errors by their owners, for example the signals of each device. A table whose owner
-    /// is `None` is left out.
+    /// Groups the tables without errors by their owners, for example the signals of each device. `owner` returns the
+    /// index of the owner; a table for which it returns `None` is left out.
     pub(crate) fn by_owner(&self, owner: impl Fn(&T) -> Option<usize>) -> Members {
         let tables = self.resolved.iter().enumerate();
         tables.filter_map(|(place, table)| Some((owner(table.as_ref()?)?, place))).collect()
     }
 
-    /// Moves all resolved tables out of the list. `None` if one of them has errors.
+    /// Takes all resolved tables out of the list. `None` if one of them has errors.
     pub(super) fn whole(&mut self) -> Option<Vec<T>> {
         std::mem::take(&mut self.resolved).into_iter().collect()
     }
 }
 
 impl Check<'_> {
-    /// Returns the context of a key at the top of the profile.
+    /// Returns the context of a key at the top level of the profile.
     pub(crate) fn at(&self, key: &str) -> KeyContext<'_> {
         self.report.at(key)
     }
@@ -94,7 +94,7 @@ impl Check<'_> {
         self.kind_of_line(self.raw.bus.get(device.bus.as_ref()?)?)
     }
 
-    /// Returns the kind of a line. If its type has an error, other keys may show it.
+    /// Returns the kind of a line. If its `type` is invalid, the kind is recognised by the other keys, or `None`.
     pub(super) fn kind_of_line(&self, line: &RawBus) -> Option<&'static BusKind> {
         self.kinds.iter().copied().find(|kind| match line.kind {
             Some(of) => kind.line_type(of).is_some(),
@@ -102,7 +102,7 @@ impl Check<'_> {
         })
     }
 
-    /// Iterates over the other kinds than this one.
+    /// Iterates over all kinds of buses except this one.
     pub(super) fn kinds_beside(&self, own: &'static BusKind) -> impl Iterator<Item = &'static BusKind> {
         self.kinds.iter().copied().filter(move |kind| !std::ptr::eq(*kind, own))
     }

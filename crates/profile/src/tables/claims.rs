@@ -1,4 +1,4 @@
-//! Ownership of registers and nodes. The registers of two tables must not overlap, and two tables must not write the
+//! Checks who uses registers and nodes. Registers of two tables must not overlap, and two tables must not write the
 //! same register or node.
 
 use std::collections::hash_map::Entry;
@@ -10,16 +10,18 @@ use super::{Check, KeyContext};
 use crate::DeviceId;
 use isotherm_core::codec::{Address, DataType, NodeId, Register};
 
-/// Indices of the claims to each register, by line and unit.
+/// For each register: indices of the claims that contain it. The key is the address of the line, the unit, and the
+/// register.
 type Claimed<'c> = HashMap<(&'c str, u8, Register), Vec<usize>>;
 
-/// Registers that a table reads or writes.
+/// Registers that a table of the profile reads or writes.
 struct Claim<'c> {
-    /// Address of the line, and unit. They identify a device, which may have two names in the profile.
+    /// Address of the line, and unit. Together they identify a physical device, which may have two names in the
+    /// profile.
     device: (String, u8),
     address: Register,
     data_type: DataType,
-    /// Key that names the registers.
+    /// Context of the key that names the registers.
     at: KeyContext<'c>,
     what: String,
     is_written: bool,
@@ -30,7 +32,7 @@ impl Claim<'_> {
         u32::from(self.address.offset) + u32::from(self.data_type.registers()) - 1
     }
 
-    /// Iterates over the registers, without those beyond the last address.
+    /// Iterates over the registers, up to the last valid address.
     fn registers(&self) -> impl Iterator<Item = Register> {
         let Register { table, offset } = self.address;
         (offset..=u16::try_from(self.last()).unwrap_or(u16::MAX))
@@ -185,7 +187,7 @@ fn runaway(check: &Check<'_>, claims: &[Claim<'_>]) {
     }
 }
 
-/// Reports tables that write a register from which the scale of a signal is read.
+/// Reports tables that write a register from which a signal's scale is read.
 fn overwritten_scales(check: &Check<'_>, claims: &[Claim<'_>], claimed: &Claimed<'_>) {
     for signal in check.signals.valid() {
         let Some(from) = &signal.scale_from else { continue };
@@ -201,17 +203,17 @@ fn overwritten_scales(check: &Check<'_>, claims: &[Claim<'_>], claimed: &Claimed
     }
 }
 
-/// Node that a table writes.
+/// OPC UA node that a table of the profile writes.
 struct Written<'c> {
-    /// Address of the server, because two devices of the profile may be one server.
+    /// Address of the server. It identifies the server, which may have two device names in the profile.
     server: String,
     node: NodeId,
-    /// Key that names the node.
+    /// Context of the key that names the node.
     at: KeyContext<'c>,
     what: String,
 }
 
-/// Reports two writers of one node.
+/// Reports nodes that two tables write.
 pub(super) fn one_writer_each(check: &Check<'_>, heartbeat: Option<&Heartbeat>) {
     let mut written = written(check, heartbeat);
     // The later one of two keys gets the error.

@@ -1,4 +1,4 @@
-//! Default limits of temperatures, which depend on whether a model uses the signal.
+//! Default limits of temperatures. They depend on whether a model uses the signal.
 
 use std::collections::HashSet;
 
@@ -19,7 +19,8 @@ pub(super) fn set_default_limits(check: &mut Check<'_>) {
     }
 }
 
-/// Returns the signals of a model, of its envelope and of its stand-ins.
+/// Returns the signals of a model. They include the signals of its envelope and of its stand-ins (sensors that replace
+/// others).
 fn signals_of(model: &Model) -> Vec<SignalId> {
     let envelope = model.envelope.iter().flat_map(|envelope| envelope.inputs());
     let predictors = |stand_ins: &StandIns| -> Vec<SignalId> {

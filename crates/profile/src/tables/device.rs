@@ -112,7 +112,7 @@ schema_of!(ExpectValue as "Expect": { "anyOf": [{ "type": "integer" }, { "type":
 /// Parts of a device that depend on the kind of its line.
 #[derive(Default)]
 pub(crate) struct DeviceParts {
-    /// Unit or node number. `None` if it has an error.
+    /// Modbus unit or CANopen node number. `None` if it has an error.
     pub(crate) unit: Option<u8>,
     pub(crate) can: Option<CanDevice>,
     pub(crate) source_time: Option<SourceTime>,
@@ -137,7 +137,7 @@ pub struct Device {
     pub functions: Functions,
     /// Quirks: special requirements of the device, from the device or otherwise from its bus.
     pub quirks: Quirks,
-    /// Registers, objects or nodes that are read before arming.
+    /// Registers, objects or nodes that are compared with expected values before arming and in operation.
     pub verify: Vec<Expected>,
     /// Template of the device.
     pub template: Option<Box<Template>>,
@@ -152,7 +152,7 @@ pub struct Device {
 }
 
 impl Device {
-    /// Formats the unit or node number after the name: ` (unit 3)`, ` (node 5)`, or nothing.
+    /// Formats the unit or node number for use after the device's name: ` (unit 3)`, ` (node 5)`, or nothing.
     pub fn at(&self) -> String {
         match &self.can {
             None if self.source_time.is_some() || self.is_pc => String::new(),
@@ -166,7 +166,8 @@ impl Device {
         !self.verify.is_empty() || self.can.as_ref().is_some_and(|can| !can.setup.is_empty())
     }
 
-    /// Preview of the device: its description, its reads, its checks with their bounds, and its template.
+    /// Preview of the device: its description, its read requests, its checks with the bounds of undetected motion, and
+    /// its template.
     pub(crate) fn preview(
         &self,
         (bus, described): (&str, &str),
@@ -201,8 +202,8 @@ impl Device {
         section
     }
 
-    /// Describes the channel of a signal or an output with this name: `channel 0 of icp-das-m7019r; the profile itself
-    /// sets scale`.
+    /// Describes the template channel that the signal or output `user` uses: `channel 0 of icp-das-m7019r; the profile
+    /// itself sets scale`. `None` if it uses no channel.
     pub(crate) fn channel(&self, user: &str) -> Option<String> {
         let template = self.template.as_ref()?;
         let used = template.uses.iter().find(|used| used.name == user)?;
@@ -242,7 +243,7 @@ impl Device {
         }
     }
 
-    /// Reports that the device does not allow the necessary `functions`. `needs` begins the message.
+    /// Reports that a function is missing in `functions` of this device. `needs` is the beginning of the message.
     pub(crate) fn lacks(&self, at: &KeyContext<'_>, needs: &str, functions: &str) {
         let help = format!("add {functions} to `functions` of the device, if the device supports it");
         at.invalid(format!("{needs}, which is not among the `functions` of `{}`", self.name), help);

@@ -12,7 +12,8 @@ use isotherm_core::reading::SignalId;
 /// Words of the expression language. They cannot be names of inputs or constants.
 const WORDS: [&str; 9] = ["and", "or", "not", "abs", "exp", "ln", "sqrt", "min", "max"];
 
-/// Parses the condition at this key. `of`: the signal that the condition marks as bad, `None` if it marks none.
+/// Parses the condition at this key. `of` is the signal that the condition marks as bad. `None` if the condition marks
+/// no signal, for example at an output.
 pub(super) fn condition(at: &KeyContext<'_>, text: Option<&String>, of: Option<&str>) -> Option<Condition> {
     let (text, signals) = (text?, &at.report.signals);
     let is_misspelt = Cell::new(false);

@@ -32,7 +32,7 @@ pub(super) struct RawHandshake {
     timeout: Option<Timespan>,
 }
 
-/// Bit of a handshake.
+/// Bit of a handshake: the strobe or the acknowledge bit.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Bit {
     /// Bit of a Modbus device.
@@ -46,15 +46,14 @@ pub enum Bit {
 pub struct Handshake {
     /// Strobe signal, written by the gateway.
     pub strobe: Bit,
-    /// Acknowledgement, read from the control.
+    /// Acknowledgement, which the gateway reads from the control.
     pub acknowledge: Bit,
     /// Timeout for the acknowledge bit to rise after the strobe signal, and again for the bit to drop.
     pub timeout: Duration,
 }
 
 impl Handshake {
-    /// Preview of the handshake: strobe signal and acknowledge signal on, then off. `function` is the Modbus function
-    /// that writes one register.
+    /// Preview of the handshake. `function` is the Modbus function that writes one register.
     pub(super) fn preview(&self, function: u8) -> Section {
         let function = match &self.strobe {
             Bit::Flag(flag) if flag.address.table.is_bits() => 5,
@@ -129,7 +128,7 @@ impl RawHandshake {
 }
 
 impl Bit {
-    /// Returns the register or node of the bit.
+    /// Returns the address of the register or node that contains the bit.
     pub fn address(&self) -> Address {
         match self {
             Bit::Flag(flag) => flag.address.into(),
@@ -137,7 +136,7 @@ impl Bit {
         }
     }
 
-    /// Returns the bit of a Modbus device. `None` for a node.
+    /// Returns the bit if it is on a Modbus device. `None` for an OPC UA node.
     pub const fn flag(&self) -> Option<Flag> {
         if let Bit::Flag(flag) = self { Some(*flag) } else { None }
     }

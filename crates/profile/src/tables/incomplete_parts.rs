@@ -1,11 +1,12 @@
-//! Warnings about incomplete parts: axes without a model or an output, unused devices. They are not errors, because a
-//! profile grows step by step. Unused signals are recorded on purpose, and `check` lists them.
+//! Warnings about incomplete parts of a profile: axes without a model or an output, unused devices. They are not
+//! errors, because a profile is usually written step by step. Unused signals cause no warning, but `isotherm check`
+//! lists them.
 
 use std::collections::HashSet;
 
 use super::Check;
 
-/// Returns the signals that no model, condition, output or machine state uses.
+/// Returns the names of the signals that no model, condition, output or machine state uses.
 pub(super) fn only_recorded(check: &Check<'_>) -> Vec<String> {
     // The signals of a missing model are unknown.
     if check.axes.names.iter().any(|name| lacks_model(check, name)) {
@@ -50,8 +51,8 @@ pub(super) fn warn(check: &Check<'_>) {
     }
 }
 
-/// Warns about `pipeline` on a line without an output that writes a position plus Cz, or without a signal whose read
-/// request could be sent at the same time.
+/// Warns about a `pipeline` that has no effect. Two requests at a time need an output that writes a position plus Cz,
+/// and a signal that can be read at the same time.
 fn two_at_a_time(check: &Check<'_>) {
     let line = |device: usize| check.devices.get(device).map(|device| device.bus.0);
     let corrected = check.outputs.valid().filter(|output| output.writes.position().is_some());

@@ -91,7 +91,7 @@ pub(super) struct Machine {
     pub(super) on_stop: OnStop,
 }
 
-/// Resolves the table. `guarded` lists the keys that a layer may only set with permission.
+/// Resolves the table `[machine]`. `guarded` returns the keys that a layer may set only with permission.
 pub(super) fn resolve(
     at: &KeyContext<'_>,
     raw: Option<&RawMachine>,
@@ -137,7 +137,7 @@ pub(super) fn resolve(
     }
 }
 
-/// Rejects the keys of `allow_override` that a layer may set without this permission, and those that do not exist.
+/// Rejects keys in `allow_override` that need no permission, or that do not exist.
 fn only_guarded(at: &KeyContext<'_>, keys: &[String], guarded: &[String]) {
     let known: HashSet<&String> = guarded.iter().collect();
     for (place, key) in keys.iter().enumerate().filter(|(_, key)| !known.contains(key)) {

@@ -1,4 +1,4 @@
-//! `[mqtt]`: publication to a broker.
+//! `[mqtt]`: publication of values and events to an MQTT broker.
 //!
 //! The files are read with the profile, so that a missing file is reported at its key. The module that connects checks
 //! their content, because only that module has a TLS library.
@@ -117,11 +117,11 @@ pub struct Mqtt {
     pub broker: BrokerUrl,
     /// Format of the messages.
     pub format: MqttFormat,
-    /// First part of every topic, or the Sparkplug group.
+    /// First part of every topic. With Sparkplug B, the Sparkplug group.
     pub group: String,
     /// User of the gateway. `None` for an anonymous user.
     pub user: Option<MqttUser>,
-    /// Trusted certificate. `None` for the authorities that this computer trusts.
+    /// File with the trusted certificate. `None` for the certificate authorities that this computer trusts.
     pub ca: Option<NamedFile>,
     /// Certificate and private key of the gateway. `None` if the profile names none.
     pub own: Option<(NamedFile, NamedFile)>,
@@ -150,7 +150,7 @@ pub struct MqttUser {
 }
 
 impl Mqtt {
-    /// Creates an error about the whole table.
+    /// Creates an error that points to the table `[mqtt]` in the profile.
     pub fn invalid(&self, message: &str, help: &str) -> ProfileError {
         let (message, help) = (message.to_owned(), Some(help.to_owned()));
         ProfileError { message, help, ..self.table_at.clone() }
@@ -300,8 +300,8 @@ impl RawMqttUser {
     }
 }
 
-/// Trusted certificate, and certificate with private key of the gateway. The inner `None` means that the profile names
-/// none, the outer `None` means an error.
+/// Trusted certificate, and the gateway's certificate with its private key. An inner `None` means that the profile
+/// names no file. An outer `None` means that a file has an error.
 type Files = (Option<Option<NamedFile>>, Option<Option<(NamedFile, NamedFile)>>);
 
 impl RawMqttTls {

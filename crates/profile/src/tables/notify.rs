@@ -22,17 +22,17 @@ pub(crate) mod url;
 /// Maximum number of servers. Each has a queue and a connection.
 const MOST: usize = 16;
 
-/// Trigger: any alarm begins.
+/// Trigger in the key `on`: an alarm begins.
 pub const ALARM: &str = "alarm";
-/// Trigger: any alarm ends.
+/// Trigger in the key `on`: an alarm ends.
 pub const ALARM_OVER: &str = "alarm-over";
-/// Trigger: an axis that followed a model no longer follows it, and the gateway is not being stopped.
+/// Trigger in the key `on`: an axis stops following its model, but not because the gateway is being stopped.
 pub const AXIS_OFF: &str = "axis-off";
 
-/// Triggers that are not the name of a single kind of event.
+/// Triggers in the key `on` that are not the name of one kind of event.
 const WORDS: [&str; 5] = [ALARM, ALARM_OVER, AXIS_OFF, UNVERIFIED, CLOCK];
 
-/// Words for the key `on`: the triggers that are not a single kind of event, and the name of every kind of event.
+/// All words for the key `on`: the triggers in `WORDS`, and the name of every kind of event.
 pub const TRIGGERS: [&str; WORDS.len() + EventKind::ALL.len()] = {
     let mut all = [""; WORDS.len() + EventKind::ALL.len()];
     let mut place = 0;
@@ -72,7 +72,7 @@ pub(crate) struct RawNotify {
     body: Option<String>,
 }
 
-/// Prints no address, because a part of it may be secret.
+/// Formats the table without its address, because a part of the address may be secret.
 impl fmt::Debug for RawNotify {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.debug_struct("RawNotify").field("on", &self.on).finish_non_exhaustive()
@@ -86,17 +86,17 @@ fn words(_: &mut SchemaGenerator) -> Schema {
 /// Server to which events are posted.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Notify {
-    /// Place in the profile: `notify[0]`.
+    /// Path of the table in the profile, for example `notify[0]`.
     pub name: String,
     /// Address of the server.
     pub url: Url,
-    /// Words of [`TRIGGERS`] that are posted.
+    /// Words of [`TRIGGERS`] that cause a message to this server.
     pub on: Vec<&'static str>,
     /// File with the token; `None` if no token is sent.
     pub token_file: Option<PathBuf>,
     /// Trusted certificates; `None` means those that this computer trusts.
     pub ca: Option<NamedFile>,
-    /// Template of the posted JSON; `None` for the whole document.
+    /// Template of the posted JSON. `None` if a document with all fields is posted.
     pub body: Option<BodyTemplate>,
 }
 

@@ -21,7 +21,8 @@ pub(crate) mod user;
 
 /// Default period in which the values of the nodes are updated.
 const EVERY: Duration = Duration::from_secs(1);
-/// Shortest allowed period. A shorter one would cost too much time, because the state is copied for each update.
+/// Shortest allowed period for updating the nodes. A shorter one would cost too much time, because the state is copied
+/// for each update.
 const SHORTEST: Duration = Duration::from_millis(100);
 const LISTEN: &str = "write host and port, as \"0.0.0.0:4840\"; port 0 selects any free port";
 
@@ -52,7 +53,7 @@ pub(crate) struct RawOpcUaServer {
     every: Option<Timespan>,
 }
 
-/// Treatment of clients that log in without a user.
+/// Whether clients may log in without a user.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum AnonymousClients {
@@ -85,7 +86,7 @@ pub struct OpcUaServer {
 }
 
 impl OpcUaServer {
-    /// Creates an error about the whole table.
+    /// Creates an error that points to the table `[opcua_server]` in the profile.
     pub fn invalid(&self, message: &str, help: &str) -> ProfileError {
         let (message, help) = (message.to_owned(), Some(help.to_owned()));
         ProfileError { message, help, ..self.table_at.clone() }
@@ -175,7 +176,7 @@ impl RawOpcUaServer {
         Some(found)
     }
 
-    /// Warns about a server that other computers reach without encryption.
+    /// Warns about a server without encryption that other computers can reach.
     fn doubts(&self, at: &KeyContext<'_>, listen: &str, anonymous: AnonymousClients) {
         let host = host_and_port(listen).map_or("", |(host, _)| host);
         if self.security != Some(Security::None) || is_loopback(host) {
@@ -193,7 +194,7 @@ impl RawOpcUaServer {
     }
 }
 
-/// Resolves an optional table.
+/// Resolves the table `[opcua_server]`. Returns `None` if the profile does not have it, or if it has an error.
 pub(super) fn resolve(at: &KeyContext<'_>, raw: Option<&RawOpcUaServer>) -> Option<OpcUaServer> {
     optional(raw, |raw| raw.resolve(at)).flatten()
 }

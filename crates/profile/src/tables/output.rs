@@ -51,7 +51,7 @@ pub(crate) struct RawOutput {
     /// (µm), tanβ (µm/mm) and P0 (mm), for a control that applies K0 + tanβ·(P − P0) itself.
     #[schemars(required)]
     writes: Option<WritesWord>,
-    /// corrected: signal with the position that the linear scale measures, in mm.
+    /// Only for writes = "corrected": signal with the position that the linear scale measures, in mm.
     position: Option<String>,
     /// Holding register, for example "holding:104" or "40105".
     pub(crate) register: Option<String>,
@@ -102,9 +102,10 @@ pub(crate) struct RawOutput {
     largest_step: Option<f64>,
     /// Shortest time between two updates that the control can follow. The axis's `every` must not be shorter.
     shortest_every: Option<Timespan>,
-    /// corrected: further words of a display, for example its decimal point and colour.
+    /// Only for writes = "corrected": additional registers of a digit display, for example for its decimal point and
+    /// colour.
     beside: Option<Vec<RawBeside>>,
-    /// corrected: text on a display if there is no position to correct, or the axis is off.
+    /// Only for writes = "corrected": text on a digit display if there is no position to correct, or the axis is off.
     stale: Option<RawStale>,
 }
 
@@ -144,19 +145,19 @@ pub struct Output {
     pub set: Option<SetId>,
     /// Signal that changes at every start of the CNC.
     pub boot_counter: Option<SignalId>,
-    /// Ownership of the register.
+    /// Who writes to the register: only the gateway, or an operator too.
     pub share: Share,
-    /// Register in which the control reports the applied value.
+    /// Register in which the control reports the applied value. `None` if it reports none.
     pub applied: Option<Applied>,
-    /// Further words of a display, and its text without a value.
+    /// Additional registers of a digit display, and its text while there is no value.
     pub display: Display,
-    /// Settings as the profile file itself states them, without the layers above it. `None` if there are no such
-    /// layers.
+    /// Settings of the profile file itself, without the layers above it (local file, environment, `--set`). `None` if
+    /// there are no such layers.
     pub stated: Option<Stated>,
 }
 
-/// Scale, bias, diameter and limit of an output as the profile file states them, without the layers above it. If the
-/// file lacks a key or names it in `allow_override`, the value of the merged profile is used.
+/// Scale, bias, diameter and limit of an output as the profile file states them, without the layers above it. A key
+/// that the file lacks, or names in `allow_override`, has the value of the merged profile.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Stated {
     scale: Scale,
@@ -166,8 +167,8 @@ pub struct Stated {
 }
 
 impl Output {
-    /// Returns whether the output is written alone (belongs to no output set), and writes another quantity than a
-    /// position plus Cz.
+    /// Returns whether the output belongs to no output set and is written with the period of its axis. A position plus
+    /// Cz is not: it is written when the position is read.
     pub fn is_single_offset(&self) -> bool {
         let is_offset = self.writes.is_scheduled();
         is_offset && self.set.is_none()
@@ -180,7 +181,8 @@ impl Output {
         first.into_iter().flatten().zip(contents.iter().copied())
     }
 
-    /// Returns the address that is read back: the written one, unless another one is set.
+    /// Returns the address from which the value is read back. This is the written address, unless the profile names a
+    /// CANopen object for it.
     pub fn reads_at(&self) -> Address {
         match self.verify {
             Verify::ReadBackAt(object) => Address::Object(object),
@@ -189,7 +191,7 @@ impl Output {
     }
 }
 
-/// Address, encoding and verification of an output.
+/// Resolved address, encoding and verification of an output.
 pub(crate) struct Target {
     pub(crate) address: Address,
     pub(crate) encoding: Encoding,
@@ -200,12 +202,12 @@ pub(crate) struct Target {
 }
 
 impl RawOutput {
-    /// Returns whether the output writes another quantity than a position plus Cz (`writes = "corrected"`).
+    /// Returns whether the output writes something other than a position plus Cz (`writes = "corrected"`).
     pub(crate) fn is_written_as_cz(&self) -> bool {
         self.writes.is_some_and(|writes| writes != WritesWord::Corrected)
     }
 
-    /// Returns whether the output writes another quantity than an offset.
+    /// Returns whether the output writes something other than an offset (`writes = "offset"`).
     fn is_no_offset(&self) -> bool {
         self.writes.is_some_and(|writes| writes != WritesWord::Offset)
     }
@@ -214,12 +216,12 @@ impl RawOutput {
         self.verify == Some(VerifyWord::Echo)
     }
 
-    /// Returns the verification of a value that can be read back where it is written.
+    /// Returns the verification of a value that can be read back from the written address.
     pub(crate) fn verification(&self) -> Verify {
         if self.is_accepted_by_echo() { Verify::Echo } else { Verify::ReadBack }
     }
 
-    /// Resolves the size of one count at its key.
+    /// Resolves the size of one count at the key `scale`.
     pub(crate) fn scale(&self, at: &KeyContext<'_>, data_type: Option<DataType>) -> Option<Scale> {
         let is_whole = data_type?.integer_range().is_some();
         match self.scale {
@@ -244,7 +246,7 @@ impl RawOutput {
     }
 }
 
-/// Reports the type of a single bit at this key.
+/// Reports the type of a single bit at this key, because an output needs a number.
 pub(crate) fn not_one_bit(at: &KeyContext<'_>, data_type: Option<DataType>) {
     if data_type == Some(DataType::Bool) {
         let help = "write an integer or floating-point type: i16, i32, f32, …";

@@ -1,4 +1,4 @@
-//! Whole profile as written.
+//! Whole profile as written, before it is checked and resolved.
 
 use std::collections::BTreeMap;
 

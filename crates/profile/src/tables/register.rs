@@ -70,7 +70,7 @@ pub struct Flag {
 }
 
 impl Flag {
-    /// Register value of a strobe signal that is set.
+    /// Returns the register value of a strobe signal that is on: only its bit is set.
     pub const fn raised(self) -> u16 {
         match self.bit {
             Some(bit) => 1 << bit,
@@ -78,7 +78,7 @@ impl Flag {
         }
     }
 
-    /// Returns whether the bit is set in this register value.
+    /// Returns whether the bit is set in the register value `content`.
     pub const fn is_up(self, content: u16) -> bool {
         match self.bit {
             Some(bit) => content >> bit & 1 == 1,
@@ -86,7 +86,7 @@ impl Flag {
         }
     }
 
-    /// Modicon notation, for example `30017.0`.
+    /// Formats the bit in Modicon notation, for example as `30017.0`.
     pub fn modicon(self) -> String {
         let number = self.address.modicon();
         self.bit.map_or_else(|| number.clone(), |bit| format!("{number}.{bit}"))
@@ -126,11 +126,12 @@ impl fmt::Display for Flag {
     }
 }
 
-/// Register in both notations, or an address on another kind of line.
+/// Address in the notations for the preview. Only a register has two notations.
 pub(crate) struct Notation {
-    /// Zero-based notation: `holding:104`; `object 6150:01`; `0x185, 16 bits from 0 up (Intel), signed`.
+    /// Zero-based notation of a register, for example `holding:104`. For another address, its only notation: `object
+    /// 6150:01`; `0x185, 16 bits from 0 up (Intel), signed`.
     protocol: String,
-    /// One-based notation: `40105`. Empty if there is none.
+    /// One-based Modicon notation: `40105`. Empty if the address is not a register.
     modicon: String,
 }
 
@@ -180,13 +181,13 @@ impl fmt::Display for Notation {
     }
 }
 
-/// Returns the order of the registers, if a value has several.
+/// Formats the order of the registers for the preview. `None` if the value has only one register.
 pub(crate) fn shown_order(address: &Address, encoding: &Encoding) -> Option<String> {
     let is_long = encoding.data_type.registers() > 1 && address.register().is_some();
     is_long.then(|| encoding.word_order.to_string())
 }
 
-/// Creates an encoding of counts without scale, offset and bias.
+/// Creates the encoding of an unscaled count: scale 1, no offset, no bias.
 pub(crate) fn plain(data_type: DataType) -> Encoding {
     Encoding {
         data_type,
@@ -199,12 +200,12 @@ pub(crate) fn plain(data_type: DataType) -> Encoding {
     }
 }
 
-/// Returns the type of a whole register or bit.
+/// Returns the type of a value that is one whole register, coil or discrete input.
 pub(crate) fn one(register: Register) -> DataType {
     if register.table.is_bits() { DataType::Bool } else { DataType::U16 }
 }
 
-/// Unit to which a scale applies. A node with a float has no counts.
+/// Returns "count" or "unit", to which a scale applies. A node with a floating-point type has no counts.
 pub(crate) fn one_of(address: &Address) -> &'static str {
     match address.node().map(|node| node.taken_as().integer_range()) {
         Some(None) => "unit",
@@ -212,7 +213,7 @@ pub(crate) fn one_of(address: &Address) -> &'static str {
     }
 }
 
-/// Parses the register at this key.
+/// Parses the register at this key. Reports an error and returns `None` if the text is invalid.
 pub(crate) fn register(at: &KeyContext<'_>, text: Option<&String>) -> Option<Register> {
     let text = text?;
     let why = match text.parse::<Register>() {
@@ -227,7 +228,8 @@ pub(crate) fn register(at: &KeyContext<'_>, text: Option<&String>) -> Option<Reg
     at.reject(message, format!("{near}{help}"))
 }
 
-/// Parses a register, one bit of it, or several.
+/// Parses a register, one bit of a register, or several bits. Reports an error and returns `None` if the text is
+/// invalid.
 pub(crate) fn cell(at: &KeyContext<'_>, text: &String) -> Option<Cell> {
     match text.parse::<Cell>() {
         Ok(cell) => Some(cell),
@@ -242,7 +244,7 @@ pub(crate) fn cell(at: &KeyContext<'_>, text: &String) -> Option<Cell> {
     }
 }
 
-/// Parses a holding register.
+/// Parses a holding register. Reports an error and returns `None` for any other register.
 pub(crate) fn holding(at: &KeyContext<'_>, text: Option<&String>) -> Option<Register> {
     let address = register(at, text)?;
     if address.table == Table::Holding {
@@ -256,7 +258,7 @@ pub(crate) fn holding(at: &KeyContext<'_>, text: Option<&String>) -> Option<Regi
     at.reject(message, "write to a holding register, as \"holding:100\" or \"40101\"")
 }
 
-/// Reports a value that ends beyond the last register.
+/// Reports a value whose registers extend beyond the last register address.
 pub(crate) fn fits(at: &KeyContext<'_>, address: Register, data_type: DataType) {
     let last = u32::from(address.offset) + u32::from(data_type.registers()) - 1;
     if last > u32::from(u16::MAX) {
@@ -294,8 +296,8 @@ pub(crate) fn scale(at: &KeyContext<'_>, scale: f64) -> Option<Scale> {
     Some(Scale::of(scale))
 }
 
-/// Reports a type that is only read. In 24 bits, devices expect the sign at different places. For the other types, no
-/// device is known that they are written to. Returns any other type.
+/// Reports a type that the gateway only reads, and returns `None`. Returns any other type unchanged. For 24 bits,
+/// devices expect the sign at different places. The other types are not known to be written on any device.
 pub(crate) fn not_only_read(at: &KeyContext<'_>, data_type: Option<DataType>) -> Option<DataType> {
     let data_type = data_type?;
     if data_type.width() != 24 && !is_of_registers(data_type) {
@@ -306,12 +308,12 @@ pub(crate) fn not_only_read(at: &KeyContext<'_>, data_type: Option<DataType>) ->
     None
 }
 
-/// Returns whether only signals in registers have this type: not a display, no object and no node.
+/// Returns whether only signals in Modbus registers can have this type, so that displays, objects and nodes cannot.
 pub(crate) const fn is_of_registers(data_type: DataType) -> bool {
     matches!(data_type, DataType::Bcd(_) | DataType::SignMagnitude(_))
 }
 
-/// Reports a type that is smaller than a register.
+/// Reports a type of 8 bits, which is smaller than a register.
 pub(crate) fn not_smaller_than_a_register(at: &KeyContext<'_>, kind: Option<TypeWord>, help: &str) {
     if let Some(TypeWord(small)) = kind.filter(|kind| kind.0.width() == 8) {
         at.invalid(format!("{} is smaller than a register", small.name()), help);

@@ -1,5 +1,5 @@
-//! `restart` of an output: a boot counter. It is a register or node of the CNC that changes at every start, and is read
-//! as a signal of its device.
+//! `restart` of an output: a boot counter, by which a restart of the CNC is detected. The boot counter is a register or
+//! node that changes at every start of the CNC. The gateway reads it as a signal of the device.
 
 use std::collections::HashMap;
 use std::time::Duration;
@@ -19,7 +19,7 @@ use isotherm_core::reading::SignalId;
 struct BootCounter {
     address: Address,
     signal: SignalId,
-    /// Place where the first output names the boot counter, for example `profiles/x.toml:41`.
+    /// Position in the profile where the first output names the boot counter, for example `profiles/x.toml:41`.
     line: String,
 }
 
@@ -46,7 +46,8 @@ pub(super) fn boot_counters(check: &mut Check<'_>) {
     }
 }
 
-/// Returns the device, the register and the place of the boot counter of an output, if it is valid.
+/// Returns the boot counter of an output: its device, its address, and its position in the profile. `None` if the
+/// output has none or it is invalid.
 fn boot_counter(
     check: &Check<'_>,
     place: usize,
@@ -91,7 +92,7 @@ fn counts_there(at: &KeyContext<'_>, place: &Place, is_in_nodes: bool) -> Option
     Some(address.into())
 }
 
-/// Creates the signal of a boot counter. The dot keeps its name different from all names in a profile.
+/// Creates the signal for a boot counter. Its name contains a dot, so that it differs from all names in a profile.
 fn counter(device: &Device, id: DeviceId, address: Address, timeout: Duration) -> Signal {
     let data_type = address.node().map_or(DataType::U16, Node::taken_as);
     Signal {

@@ -54,7 +54,7 @@ pub(crate) struct RawSet {
 /// Outputs of one device that are written together. An output with its own handshake is an output set of one.
 #[derive(Clone, Debug, PartialEq)]
 pub struct OutputSet {
-    /// Name in the profile. For an output set without a table of its own, the name of its only output.
+    /// Name in the profile. A set without a table of its own has the name of its only output.
     pub name: String,
     /// Whether the profile has a table `[set.*]` for the output set. `false` for an output with its own handshake.
     pub is_named: bool,
@@ -71,7 +71,7 @@ pub struct OutputSet {
     /// Control word: register or node with the state of the axes in bits. See
     /// [`ControlWord`](isotherm_core::output::ControlWord).
     pub control: Option<Address>,
-    /// Register or node with the version number, and the number.
+    /// Register or node that receives the version number, and the number.
     pub version: Option<(Address, u16)>,
     /// Whether unused registers between the words are written as 0.
     pub zeros: bool,
@@ -79,7 +79,7 @@ pub struct OutputSet {
     pub handshake: Option<Handshake>,
 }
 
-/// Word that an output set writes into a node, apart from the values of its outputs.
+/// Word of an output set that is written into an OPC UA node and is not the value of an output.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum OwnWord {
     /// Heartbeat: number of the writes so far.
@@ -91,7 +91,7 @@ pub enum OwnWord {
 }
 
 impl OwnWord {
-    /// Key in the profile.
+    /// Returns the key of the word in the profile.
     pub const fn name(self) -> &'static str {
         match self {
             OwnWord::Heartbeat => "heartbeat",
@@ -101,7 +101,7 @@ impl OwnWord {
     }
 }
 
-/// Adjacent registers for one request.
+/// Range of adjacent registers that one request writes.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Stretch {
     /// First holding register of the request.
@@ -116,7 +116,7 @@ impl OutputSet {
         format!("{} {}", if self.is_named { "set" } else { "output" }, self.name)
     }
 
-    /// Iterates over the addresses of the output set's own words, which are not values of outputs, each with its key.
+    /// Iterates over the words of the set that are not values of outputs. Each item is the key and the address.
     pub(super) fn own(&self) -> impl Iterator<Item = (&'static str, Address)> {
         let own = [
             ("sequence", self.sequence.map(Address::from)),
@@ -128,13 +128,13 @@ impl OutputSet {
         own.into_iter().filter_map(|(key, at)| Some((key, at?)))
     }
 
-    /// Iterates over the registers of the output set's own words, which are not values of outputs.
+    /// Iterates over the registers of the set that do not contain values of outputs.
     pub fn own_registers(&self) -> impl Iterator<Item = Register> {
         self.own().filter_map(|(_, at)| at.register())
     }
 
-    /// Iterates over the nodes of the output set's own words, which are not values of outputs, in the order in which
-    /// they are written.
+    /// Iterates over the nodes of the set that do not contain values of outputs, in the order in which they are
+    /// written.
     pub fn own_nodes(&self) -> impl Iterator<Item = (OwnWord, &Node)> {
         let version = self.version.as_ref().map(|(at, number)| (OwnWord::Version(*number), at));
         let own = [
@@ -152,8 +152,9 @@ impl OutputSet {
         !is_whole && (self.heartbeat.is_some() || self.control.is_some())
     }
 
-    /// Returns how long heartbeat and control word may stay unwritten after a write without an answer. They wait until
-    /// that write can no longer arrive, and for the next set. `None` if they are written without the outputs.
+    /// Returns the longest time without a write of heartbeat and control word. After a write without an answer, they
+    /// wait until that write can no longer arrive, and for the next set. `None` if they can be written without the
+    /// outputs.
     fn longest_silence(&self, profile: &Profile) -> Option<Duration> {
         let has_own = self.heartbeat.is_some() || self.control.is_some();
         (has_own && !self.has_own_words_apart()).then(|| {
@@ -164,7 +165,7 @@ impl OutputSet {
         })
     }
 
-    /// Preview of the output set: its requests, its own words, its handshake.
+    /// Preview of the output set: its requests, its words that are not values of outputs, and its handshake.
     pub(crate) fn preview(&self, profile: &Profile) -> Section {
         let device = profile.device(self.device);
         let function = |registers| device.functions.write_code(registers);
@@ -264,7 +265,7 @@ impl OutputSet {
         self.members(profile).any(|output| output.address.node().is_some())
     }
 
-    /// Nodes of the output set: those of its outputs, then those of its own words.
+    /// Returns the nodes of the output set. Nodes of outputs come first, then heartbeat, control word and version.
     pub fn nodes(&self, profile: &Profile) -> Vec<Node> {
         let values = self.members(profile).filter_map(|output| output.address.node());
         values.chain(self.own_nodes().map(|(_, node)| node)).cloned().collect()
@@ -291,15 +292,15 @@ impl OutputSet {
         })
     }
 
-    /// Outputs of the output set.
+    /// Iterates over the outputs of the set.
     pub fn members<'a>(&'a self, profile: &'a Profile) -> impl Iterator<Item = &'a Output> {
         self.outputs.iter().map(|id| profile.output(*id))
     }
 }
 
 impl Stretch {
-    /// Merges ranges of registers, each given as first register and number, into the fewest requests of at most `most`
-    /// registers.
+    /// Combines ranges of registers into the fewest requests of at most `most` registers. A range is its first register
+    /// and its number of registers.
     pub fn joined(cells: Vec<(u16, u16)>, most: u16) -> Vec<Stretch> {
         joined(cells, most)
     }

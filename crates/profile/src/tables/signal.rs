@@ -167,7 +167,7 @@ pub struct Signal {
     pub defaults: DefaultLimits,
     /// Whether the value is a difference of two temperatures.
     pub is_difference: bool,
-    /// Largest age of a reading. An older one is stale.
+    /// Largest age of a reading. An older reading is stale, and is not used.
     pub max_age: Duration,
     /// Condition on other signals under which this signal is bad.
     pub fault_when: Option<Box<Condition>>,
@@ -180,26 +180,26 @@ pub struct Signal {
 }
 
 impl Signal {
-    /// Returns whether a value is within the range that applies: the stated one, or the default.
+    /// Returns whether a value is within the plausible range: that of the profile or template, or the default.
     pub fn is_plausible(&self, value: f64) -> bool {
         let (low, high) = self.plausible_range();
         (low..=high).contains(&value)
     }
 
-    /// Returns the smallest and the largest plausible value that apply: the stated ones, or the default. Infinity stands
-    /// for no limit.
+    /// Returns the smallest and the largest plausible value: those of the profile or template, or the default. Infinity
+    /// stands for no limit.
     pub fn plausible_range(&self) -> (f64, f64) {
         let default = || self.defaults.range.map(DefaultRange::bounds);
         self.range.or_else(default).unwrap_or((f64::NEG_INFINITY, f64::INFINITY))
     }
 
-    /// Returns the largest plausible change per second that applies: the stated one, or the default. `None` if there is
-    /// no limit.
+    /// Returns the largest plausible change per second: that of the profile, or the default. `None` if there is no
+    /// limit.
     pub fn rate_limit(&self) -> Option<f64> {
         self.max_rate.or(self.defaults.max_rate)
     }
 
-    /// Preview of the signal: address, encoding, and conditions under which it is bad.
+    /// Preview of the signal: address, encoding, and the conditions under which a reading is rejected.
     pub(crate) fn preview(&self, device: &Device, bus: &Bus) -> Section {
         let (encoding, unit) = (&self.encoding, self.unit);
         let name = &self.name;
@@ -255,7 +255,7 @@ impl Signal {
         section
     }
 
-    /// Describes the command before each read: `holding:132 (40133) = 1`. `None` if there is no command.
+    /// Formats the command that is written before each read: `holding:132 (40133) = 1`. `None` if the signal has none.
     pub(crate) fn shown_capture(&self) -> Option<String> {
         self.capture.map(|capture| format!("{} = {}", Notation::from(capture.address), capture.value))
     }
@@ -296,21 +296,21 @@ impl Signal {
     }
 }
 
-/// Keys for the place of a signal.
+/// Keys that state where a signal is read. A signal has at most one of them.
 pub(crate) const PLACES: [&str; 8] = ["register", "dbc", "sdo", "pdo", "frame", "node", "sensor", "text"];
 
-/// Address and encoding of a signal.
+/// Resolved address and encoding of a signal.
 pub(crate) struct Located {
     pub(crate) address: Address,
     pub(crate) encoding: Encoding,
-    /// Unit if the profile names none.
+    /// Unit that applies if the profile states none.
     pub(crate) unit: Option<Unit>,
     /// Register of the scale. `None` if the scale is fixed.
     pub(crate) scale_from: Option<ScaleFrom>,
 }
 
 impl Located {
-    /// Creates the place of a value with a fixed scale.
+    /// Creates the address and encoding of a value with a fixed scale.
     pub(crate) fn of(address: Address, encoding: Encoding, unit: Option<Unit>) -> Located {
         Located { address, encoding, unit, scale_from: None }
     }

@@ -58,7 +58,7 @@ struct RawWebTls {
     key: Option<String>,
 }
 
-/// Source of commands over HTTP.
+/// Who may send commands over HTTP.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 #[schemars(rename = "CommandsWord", description = "")]
@@ -86,7 +86,7 @@ pub enum Language {
 }
 
 impl Language {
-    /// Code in the profile, in HTML and in browsers.
+    /// Returns the language code in profiles, in HTML and in browsers: `en`, `de`, `ja` or `zh`.
     pub fn code(self) -> &'static str {
         match self {
             Language::En => "en",
@@ -102,7 +102,7 @@ impl Language {
 pub struct Web {
     /// Host and port. Port 0 selects any free port.
     pub listen: String,
-    /// File with the operator's token.
+    /// File with the operator's token. `None` if the profile names none.
     pub token_file: Option<PathBuf>,
     /// Certificate and key for https. `None` for http.
     pub tls: Option<WebTls>,
@@ -112,18 +112,20 @@ pub struct Web {
     pub viewer_token_file: Option<PathBuf>,
     /// File with the token for reading the metrics only.
     pub scrape_token_file: Option<PathBuf>,
-    /// Clients that may send commands.
+    /// Who may send commands.
     pub commands: Commands,
     /// Names of the web page, in addition to localhost and its addresses.
     pub hosts: Vec<String>,
-    /// Proxies that report the client of a request, and the address of the page in its browser.
+    /// Proxies in front of the web page. They report the client of a request, and the address of the page in the
+    /// client's browser.
     pub trusted_proxies: Vec<IpNetwork>,
     /// Language of the web page. `None` for the browser's language.
     pub language: Option<Language>,
 }
 
 impl Web {
-    /// Returns whether the profile names the file of a token. Without one, clients on other computers have no access.
+    /// Returns whether the profile names at least one token file. Without a token, clients on other computers have no
+    /// access.
     pub fn has_token(&self) -> bool {
         let files = [&self.token_file, &self.viewer_token_file, &self.scrape_token_file];
         files.into_iter().any(Option::is_some)

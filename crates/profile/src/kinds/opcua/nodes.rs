@@ -8,7 +8,7 @@ use crate::tables::KeyContext;
 use crate::tables::register::{TypeWord, holding, is_of_registers};
 use isotherm_core::codec::{Address, DataType, Element, Node, NodeId};
 
-/// What a timestamp of the server means.
+/// Meaning of the timestamps of a server: time of measurement, or time of the last change.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 #[schemars(rename = "SourceTimeWord", description = "")]

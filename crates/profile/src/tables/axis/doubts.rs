@@ -1,4 +1,4 @@
-//! Warnings about settings that are allowed but probably wrong. Each warning states the suspicious figure.
+//! Warnings about settings of axes that are allowed but probably wrong. Each warning states the suspicious number.
 
 use super::model::effect::signed;
 use super::model::uniform_temperature::UniformTemperature;
@@ -10,7 +10,7 @@ use isotherm_core::compensation::settings::Datum;
 
 /// Largest plausible limit of Cz, µm. A larger number was probably meant in another unit.
 const LARGE_LIMIT: f64 = 500.0;
-/// Temperature of a workshop, °C. A model should give a small value if the whole machine has this temperature.
+/// Typical temperature of a workshop, °C. If the whole machine has this temperature, a model should give a small value.
 const WORKSHOP: f64 = 20.0;
 
 pub(in crate::tables) fn warn(check: &Check<'_>, profile: &Profile) {

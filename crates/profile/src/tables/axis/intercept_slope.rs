@@ -1,4 +1,4 @@
-//! Axes whose control applies the slope itself: `ΔK = K0(T) + tanβ(T)·(P − P0)`, as a SINUMERIK does.
+//! Axes whose control (for example a SINUMERIK) calculates the correction itself: `ΔK = K0(T) + tanβ(T)·(P − P0)`.
 
 use super::Axis;
 use crate::tables::output::Output;
@@ -8,8 +8,8 @@ use isotherm_core::compensation::model::{Kind, Slope};
 use isotherm_core::compensation::settings::InterceptSlope;
 use isotherm_core::quantity::Millimetre;
 
-/// Stores the reference position P0, and the largest distance from it within the travel, at each axis whose outputs
-/// write K0, tanβ and P0.
+/// Completes each axis whose outputs write K0, tanβ and P0. Stores the reference position P0, and the largest distance
+/// from P0 within the travel.
 pub(in crate::tables) fn resolve(check: &mut Check<'_>) {
     let outputs = check.outputs.by_owner(|output| Some(output.axis.0));
     let line = |(place, axis): (usize, &Option<Axis>)| {
@@ -26,7 +26,7 @@ pub(in crate::tables) fn resolve(check: &mut Check<'_>) {
     }
 }
 
-/// Checks that the outputs of an axis write K0, tanβ and P0. Returns the reference position P0, and the largest
+/// Checks that the outputs of an axis write all of K0, tanβ and P0. Returns the reference position P0, and the largest
 /// distance from it within the travel. `None` if no model of the axis has a valid slope.
 fn of_control(check: &Check<'_>, axis: &Axis, outputs: &[&Output]) -> Option<InterceptSlope> {
     let name = &axis.settings.name;
@@ -54,8 +54,8 @@ fn of_control(check: &Check<'_>, axis: &Axis, outputs: &[&Output]) -> Option<Int
     reach(axis, &at.key("model"))
 }
 
-/// Returns the common reference position P0 of all slopes (position at which they have no effect), and the largest
-/// distance from this position within the travel.
+/// Returns the reference position P0, at which the slope has no effect, and the largest distance from P0 within the
+/// travel. All slopes of the axis must have the same P0. `None` if no model has a valid slope.
 fn reach(axis: &Axis, list: &KeyContext<'_>) -> Option<InterceptSlope> {
     let mut line: Option<InterceptSlope> = None;
     for (place, model) in axis.settings.models.iter().enumerate() {

@@ -1,4 +1,4 @@
-//! Model whose gains are learned: its place among the models of an axis, and its terms.
+//! Learned model of an axis: its position among the models of the axis, and its terms.
 
 use std::time::Duration;
 
@@ -13,7 +13,7 @@ use isotherm_core::compensation::settings::LearnedSlot;
 use isotherm_core::quantity::{Celsius, Micron, MicronPerCelsius};
 use isotherm_core::reading::SignalId;
 
-/// Adds the model whose gains are learned to each axis that learns. The signals must be resolved.
+/// Adds to each axis that learns the model whose gains are learned. The signals must be resolved before.
 pub(in crate::tables) fn add_slots(check: &mut Check<'_>) {
     let is_learning = |axis: &&Axis| axis.learning.is_some();
     if !check.axes.valid().any(|axis| is_learning(&axis)) {
@@ -67,15 +67,15 @@ pub(in crate::tables) fn add_slots(check: &mut Check<'_>) {
     }
 }
 
-/// Returns the reference of the temperatures in a learned model. It is the reference "zero" if a model of the profile
-/// has it. Otherwise it is the machine start.
+/// Returns the reference of the temperatures in a learned model. It is "zero" if a model of the profile uses the
+/// reference "zero", otherwise the machine start.
 fn temperature_reference(own: &[Model]) -> Reference {
     let is_zeroed = own.iter().flat_map(Model::references).any(|reference| reference == Reference::Zero);
     if is_zeroed { Reference::Zero } else { Reference::Start }
 }
 
-/// Returns the terms of a learned model, with gains of zero. A temperature acts at once and with each lag. A speed and
-/// its square act with each lag.
+/// Returns the terms of a learned model, with gains of zero. Each temperature has one term without a lag, and one with
+/// each lag. Each speed has a term for its value and one for its square, with each lag.
 fn terms(signals: &[Option<Signal>], learning: &Learning, reference: Reference) -> Vec<Term> {
     let lags = LAG_MINUTES.map(|minutes| (minutes > 0).then(|| Duration::from_secs(60 * minutes)));
     let mut terms = Vec::new();
@@ -99,7 +99,7 @@ fn terms(signals: &[Option<Signal>], learning: &Learning, reference: Reference) 
     terms
 }
 
-/// Returns a text by which the models of an axis are recognised. It does not depend on the order of the signals.
+/// Returns a hash that identifies the models of an axis. It does not depend on the order of the signals in the profile.
 fn fingerprint(signals: &[Option<Signal>], own: &[Model]) -> String {
     let name = |signal: SignalId| {
         let signal = signals.get(signal.0).and_then(Option::as_ref);

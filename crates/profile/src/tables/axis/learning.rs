@@ -1,4 +1,4 @@
-//! Learning of an axis's model from measured errors: keys of the table `probe`, and their resolved form.
+//! Learning of an axis's model from measured errors: keys of the table `probe`, and the resolved settings.
 
 use schemars::JsonSchema;
 use serde::Deserialize;
@@ -10,14 +10,14 @@ use isotherm_core::reading::SignalId;
 /// Name of the model whose gains are learned, on the web page and in the log.
 pub const LEARNED: &str = "learned";
 
-/// Time at which the gateway learns.
+/// Schedule of the learning.
 #[derive(Clone, Copy, Debug, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub(super) enum LearnWord {
     Daily,
 }
 
-/// Person or program that adopts a better model.
+/// Who adopts a learned model that is better than the model in use: an operator, or the gateway.
 #[derive(Clone, Copy, Debug, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub(super) enum AdoptWord {
@@ -28,9 +28,9 @@ pub(super) enum AdoptWord {
 /// Learning of an axis's model from its measured errors, once a day.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Learning {
-    /// Signals that the learned model does not use.
+    /// Signals that the learned model must not use.
     pub without: Vec<SignalId>,
-    /// Person or program that adopts a better model.
+    /// Who adopts a learned model that is better than the model in use.
     pub adopt: Policy,
 }
 
@@ -39,12 +39,12 @@ pub(super) struct LearningKeys<'a> {
     pub(super) learn: Option<LearnWord>,
     pub(super) learn_without: Option<&'a [String]>,
     pub(super) adopt: Option<AdoptWord>,
-    /// Whether the table adjusts the gains of the models.
+    /// Whether the table `probe` also adjusts the gains of the models (key `gains`), which excludes learning.
     pub(super) adjusts_gains: bool,
 }
 
 impl LearningKeys<'_> {
-    /// Resolves the learning. `Some(None)` if the axis does not learn. Reports every error.
+    /// Resolves the keys for learning. `Some(None)` if the axis does not learn, `None` if a key has an error.
     pub(super) fn resolve(&self, at: &KeyContext<'_>) -> Option<Option<Learning>> {
         let without = self.learn_without.unwrap_or_default();
         let list = at.key("learn_without");

@@ -31,7 +31,7 @@ pub(crate) mod uniform_temperature;
 const KINDS: [&KindOfModel; 4] = [&linear::KIND, &formula::KIND, &matrix::KIND, &network::KIND];
 
 impl RawModel {
-    /// Resolves a model. `settle` is the averaging time of the machine's references.
+    /// Resolves a model. `settle` is the averaging time of references, from the table `[machine]`.
     pub(super) fn resolve(&self, at: &KeyContext<'_>, settle: Option<Timespan>) -> Option<Model> {
         let own = KINDS.into_iter().find(|known| Some(known.word) == self.kind.as_deref())?;
         for kind in KINDS {
@@ -59,8 +59,8 @@ impl RawModel {
     }
 }
 
-/// Preview of a model: its calculation, and the range in which the model is valid. `place` is its index in the list of
-/// the axis.
+/// Preview of a model: its formula and effects, and the range in which the model is valid. `place` is its index among
+/// the models of the axis.
 pub(super) fn preview(
     signals: &[Signal],
     place: usize,
@@ -90,7 +90,7 @@ fn owners(key: &str) -> impl Iterator<Item = &'static KindOfModel> {
     KINDS.into_iter().filter(move |kind| kind.keys.contains(&key))
 }
 
-/// Lists the kinds that have a key: `a formula, a matrix or a network`.
+/// Lists the kinds of models that have this key: `a formula, a matrix or a network`.
 fn listed(key: &str) -> String {
     let owners: Vec<&str> = owners(key).map(|kind| kind.one).collect();
     match owners.as_slice() {

@@ -56,7 +56,7 @@ pub(super) struct RawProbe {
     adopt: Option<AdoptWord>,
 }
 
-/// Reaction while a model is worse than no compensation.
+/// Reaction of the gateway while a model is worse than no compensation.
 #[derive(Clone, Copy, Debug, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 enum WorseWord {
@@ -81,17 +81,19 @@ struct RawGains {
 /// Signals from which the gateway reads the result of a probing cycle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ProbeInput {
-    /// Signal with the measured error.
+    /// Signal that contains the measured error.
     pub signal: SignalId,
-    /// Signal that reports a new error. `None` if each change of the error is a new one.
+    /// Signal whose change reports a new measured error. `None` if each change of the measured error itself is a new
+    /// one.
     pub trigger: Option<SignalId>,
-    /// Factor that converts the signal into µm of Cz. The factor includes one half if the axis acts on a diameter.
+    /// Factor that converts a reading of the signal into µm of Cz. The factor includes one half if the axis acts on a
+    /// diameter.
     pub micron: f64,
 }
 
 impl RawProbe {
-    /// Resolves the settings, the signals of measured errors, and the learning. The signals are `None` if errors come
-    /// only by command, and the learning is `None` if the axis does not learn. Reports every error.
+    /// Resolves the table `probe`: settings, signals of measured errors, and learning. The signals are `None` if errors
+    /// come only by command. The learning is `None` if the axis does not learn. All errors are reported.
     pub(super) fn resolve(
         &self,
         at: &KeyContext<'_>,
@@ -136,7 +138,8 @@ impl RawProbe {
         Some((settings, input?, learning?))
     }
 
-    /// Returns how large a part of a measured residual is added to the correction.
+    /// Resolves which part of each measured residual is added to the correction: a fixed part, or a part calculated
+    /// from `repeat` and `q`.
     fn filter(&self, at: &KeyContext<'_>) -> Option<Filter> {
         let own = [("repeat", self.repeat), ("q", self.q)];
         if let Some(filter) = self.filter {
@@ -157,7 +160,8 @@ impl RawProbe {
         })
     }
 
-    /// Resolves the signals of measured errors. `Some(None)` if errors come only by command.
+    /// Resolves the signals of measured errors. `Some(None)` if measured errors come only by command, `None` if a
+    /// signal has an error.
     fn input(&self, at: &KeyContext<'_>, diameter: bool) -> Option<Option<ProbeInput>> {
         let signal = at.key("signal").signal(self.signal.as_ref());
         let trigger = at.key("trigger").signal(self.trigger.as_ref());
@@ -206,7 +210,7 @@ impl RawGains {
     }
 }
 
-/// Describes source, sign and bounds of measured errors, for `isotherm check`.
+/// Describes for the preview where measured errors come from, their sign, and their limits.
 pub(super) fn preview(signals: &[Signal], axis: &Axis, settings: &ProbeSettings) -> String {
     let name = |id: SignalId| signals[id.0].name.as_str();
     let from = match &axis.probe_input {
@@ -266,7 +270,7 @@ pub(super) fn preview(signals: &[Signal], axis: &Axis, settings: &ProbeSettings)
     text
 }
 
-/// Returns a number above 0 and up to 1; reports any other number.
+/// Returns the number if it is above 0 and at most 1. Otherwise reports an error and returns `None`.
 fn share(at: &KeyContext<'_>, number: Option<f64>) -> Option<f64> {
     let number = number?;
     if number > 0.0 && number <= 1.0 {

@@ -12,10 +12,11 @@ pub(in crate::tables) const EVERY: Duration = Duration::from_secs(1);
 pub(super) const TIMEOUT: Duration = Duration::from_millis(500);
 const SHORTEST_TIMEOUT: Duration = Duration::from_millis(100);
 
-/// Read or write, as the beginning of a sentence ("device `bed` is read every"), with its period.
+/// Periodic read or write, with its period. The text is the beginning of a sentence, for example "device `bed` is read
+/// every".
 pub(super) type Due = (String, Duration);
 
-/// Reads and writes by the name of their line, with their periods.
+/// Periodic reads and writes, by the name of their line.
 #[derive(Debug, Default)]
 pub(in crate::tables) struct Periods(BTreeMap<String, Vec<Due>>);
 
@@ -57,13 +58,13 @@ impl Periods {
         }
     }
 
-    /// Reads and writes on a line.
+    /// Returns the periodic reads and writes on a line.
     pub(super) fn of(&self, bus: &str) -> &[Due] {
         self.0.get(bus).map_or(&[], Vec::as_slice)
     }
 
-    /// Default timeout of a line: half the shortest period, at most 500 ms. It is at least 100 ms, so that a healthy
-    /// device can answer.
+    /// Returns the default timeout of a line: half the shortest period, from 100 to 500 ms. With less than 100 ms, even
+    /// a healthy device might not answer in time.
     pub(super) fn timeout(&self, bus: &str) -> Duration {
         let halves = self.of(bus).iter().map(|(_, period)| (*period / 2).max(SHORTEST_TIMEOUT));
         halves.fold(TIMEOUT, Duration::min)

@@ -1,4 +1,4 @@
-//! Checks of a line, and of all lines together.
+//! Checks the keys of each line, and compares the lines with each other.
 
 use std::collections::HashMap;
 use std::time::Duration;
@@ -11,7 +11,7 @@ use crate::kinds::modbus::quirks::Quirks;
 use crate::tables::{Check, KeyContext};
 
 const LONGEST_LATE: Duration = Duration::from_mins(10);
-/// Keys that only some types of lines have, each group with its owner in messages.
+/// Keys that only some types of lines have. Each group comes with the description of these types for messages.
 const OWNERS: [(&[&str], &str); 8] = [
     (&["address"], "a TCP line"),
     (&["late"], "a line with writes"),
@@ -84,7 +84,7 @@ impl RawBus {
     }
 }
 
-/// Reports keys that belong to another type of line. `own` are those of its type.
+/// Reports keys that belong to another type of line. `own` lists the keys of this line's type.
 fn foreign_keys(at: &KeyContext<'_>, own: &[&str]) {
     for (keys, owner) in OWNERS {
         let foreign: Vec<&str> = keys.iter().copied().filter(|key| !own.contains(key)).collect();
@@ -115,7 +115,8 @@ pub(in crate::tables) fn none_waits_for_a_period(check: &Check<'_>) {
     }
 }
 
-/// Reports two buses on one physical line, which would send at the same time and receive each other's answers.
+/// Reports two buses that use the same physical line. They would send at the same time, and receive each other's
+/// answers.
 pub(in crate::tables) fn one_owner_each(check: &Check<'_>) {
     let exclusive = |bus: &Bus| {
         let of = bus.transport.bus_type();

@@ -37,7 +37,7 @@ pub const TLS_PORT: u16 = 802;
 /// Settings of Modbus/TCP Security on a line.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Tls {
-    /// Certificates that the gateway trusts on this line.
+    /// Certificates that the gateway trusts on this line: that of the device, or of the authority that signed it.
     pub ca: NamedFile,
     /// Certificate of the gateway.
     pub cert: NamedFile,
@@ -45,7 +45,7 @@ pub struct Tls {
     pub key: NamedFile,
     /// Name that the device's certificate must have.
     pub name: String,
-    /// Template for errors about the name, with the place of the name in the profile.
+    /// Error about the key `name`, without a message. It contains the position in the profile.
     name_at: ProfileError,
 }
 
@@ -60,7 +60,7 @@ pub struct NamedFile {
 }
 
 impl Tls {
-    /// Preview of a secured line: trusted certificates, and the certificate of the gateway.
+    /// Preview of a line with TLS: trusted certificates, and the certificate of the gateway.
     pub(super) fn preview(&self) -> Section {
         let (name, trusts, shows) = (&self.name, &self.ca.name, &self.cert.name);
         let mut section = Section::default();
@@ -72,7 +72,7 @@ impl Tls {
         section
     }
 
-    /// Creates an error about a name that no certificate can have.
+    /// Creates an error that says that no certificate can have this name.
     pub fn wrong_name(&self) -> ProfileError {
         let message = format!("`{}` cannot be the name in a certificate", self.name);
         ProfileError { message, ..self.name_at.clone() }
@@ -80,7 +80,7 @@ impl Tls {
 }
 
 impl NamedFile {
-    /// Reads the file that this key names. A missing certificate that is created later counts as empty.
+    /// Reads the file that this key names. A missing certificate counts as empty if it may be created later.
     pub(crate) fn read(at: &KeyContext<'_>, name: &str, help: &str) -> Option<NamedFile> {
         let bytes = match at.report.files.is_to_be_made(name) {
             true => Vec::new(),
@@ -115,7 +115,7 @@ impl fmt::Debug for NamedFile {
 }
 
 impl RawTls {
-    /// Resolves the security of a line to this host.
+    /// Resolves the TLS settings of a line to this host.
     pub(crate) fn resolve(&self, at: &KeyContext<'_>, host: &str) -> Option<Tls> {
         let host = host.trim_start_matches('[').trim_end_matches(']');
         let (name, key) = match &self.name {

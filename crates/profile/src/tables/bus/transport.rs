@@ -7,7 +7,8 @@ use serde::Deserialize;
 
 use crate::kinds::modbus::serial::Serial;
 
-/// Longest time for which a network and its devices are assumed to delay a write.
+/// Default time after which a write without an answer can no longer arrive. Networks and their devices are assumed to
+/// delay a write no longer.
 pub(super) const LATE: Duration = Duration::from_secs(30);
 const LATE_TIMEOUTS: u32 = 2;
 
@@ -30,7 +31,7 @@ pub(crate) enum BusType {
 pub enum Transport {
     /// Modbus TCP.
     Tcp,
-    /// RTU frames over a TCP connection, as simple gateways forward them.
+    /// Modbus RTU frames over a TCP connection, as simple serial servers forward them.
     RtuOverTcp,
     /// Modbus RTU on a serial port of this computer.
     Serial(Serial),
@@ -41,13 +42,13 @@ pub enum Transport {
         /// Data bits of each character, 7 or 8.
         data_bits: u8,
     },
-    /// Frames of Modbus ASCII over a TCP connection.
+    /// Modbus ASCII frames over a TCP connection.
     ModbusAsciiOverTcp,
     /// A CAN interface of this computer.
     Can,
     /// An OPC UA server.
     OpcUa,
-    /// Sensors of this computer, from its kernel.
+    /// Sensors of this computer, read through its kernel.
     Sysfs,
     /// Lines of text on a serial port of this computer.
     Ascii {
@@ -66,7 +67,8 @@ impl Transport {
         matches!(self, Transport::Can)
     }
 
-    /// Settings of the serial port of a Modbus line, with the times of RTU frames. `None` if the transport has none.
+    /// Returns the settings of the serial port of a Modbus line. For Modbus ASCII they are adapted, so that times
+    /// calculated for RTU frames are long enough. `None` if the transport has no serial port.
     pub const fn serial(self) -> Option<Serial> {
         match self {
             Transport::Serial(serial) => Some(serial),
@@ -75,7 +77,8 @@ impl Transport {
         }
     }
 
-    /// Settings of a serial port, for example `9600 baud 7E2`. `None` if the transport has none.
+    /// Formats the settings of a serial port, for example as `9600 baud 7E2`. `None` if the transport has no serial
+    /// port.
     pub fn port_settings(self) -> Option<String> {
         let (serial, data_bits) = match self {
             Transport::Serial(serial) => (serial, 8),
@@ -88,7 +91,7 @@ impl Transport {
         Some(serial.to_string().replacen(" 8", &format!(" {data_bits}"), 1))
     }
 
-    /// Type of the lines with this transport.
+    /// Returns the type of the lines with this transport, as the key `type` states it.
     pub(crate) const fn bus_type(self) -> BusType {
         match self {
             Transport::Tcp => BusType::ModbusTcp,
@@ -102,8 +105,8 @@ impl Transport {
         }
     }
 
-    /// Default time during which a write without an answer may still arrive. On a local serial port only the device can
-    /// delay a write.
+    /// Returns the default time during which a write without an answer may still arrive. On a local serial port only
+    /// the device can delay a write.
     pub fn late(self, timeout: Duration) -> Duration {
         match self {
             Transport::Serial(_) | Transport::ModbusAscii { .. } => timeout.saturating_mul(LATE_TIMEOUTS),

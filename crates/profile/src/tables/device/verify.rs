@@ -50,8 +50,7 @@ pub(crate) struct RawVerify {
     every: Option<Timespan>,
 }
 
-/// Register, object or node with an expected value, for example a type code, a data format, or the detection of broken
-/// wires.
+/// Register, object or node whose value must equal a number in the profile, for example a type code or a data format.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Expected {
     /// First register, bit, object or node.
@@ -79,7 +78,7 @@ impl Expected {
         section
     }
 
-    /// Returns the difference between the read registers and the expected value. `None` if they agree.
+    /// Compares the read registers with the expected value. Returns the difference, or `None` if the values are equal.
     pub fn mismatch(&self, registers: &[u16]) -> Option<Difference> {
         match self.encoding.counts(registers) {
             Some(counts) if counts.0 == self.equals => None,
@@ -88,12 +87,12 @@ impl Expected {
         }
     }
 
-    /// Creates the difference for a register that does not exist, as the device has answered.
+    /// Creates the difference for a register that does not exist according to the device's answer.
     pub fn absent(&self, why: impl fmt::Display) -> Difference {
         self.differs(CheckFailure::Absent(why.to_string()))
     }
 
-    /// Creates the difference for a value that cannot be read. `why` is the reason.
+    /// Creates the difference for a value that could not be read. `why` is the reason.
     pub fn unreadable(&self, why: impl fmt::Display) -> Difference {
         self.differs(CheckFailure::Unreadable(why.to_string()))
     }

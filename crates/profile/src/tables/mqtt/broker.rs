@@ -1,10 +1,10 @@
-//! Address of a broker in a profile.
+//! Address of an MQTT broker in a profile.
 
 use std::fmt;
 
 use crate::host_port::{host_and_port, in_url, is_host};
 
-/// Address of a broker.
+/// Address of an MQTT broker.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct BrokerUrl {
     /// Whether the connection uses TLS (`mqtts`).

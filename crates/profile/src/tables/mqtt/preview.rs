@@ -81,7 +81,7 @@ impl Mqtt {
         state.into_iter().chain(of.into_iter().chain(ends).flatten()).collect()
     }
 
-    /// Returns the topic on which the gateway accepts commands. `None` if it accepts none.
+    /// Returns the topic on which the gateway receives commands. `None` if it accepts no commands.
     fn asked(&self, machine: &str) -> Option<String> {
         let group = &self.group;
         match self.format {

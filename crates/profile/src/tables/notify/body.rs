@@ -1,11 +1,11 @@
-//! Template of the body of a message: JSON, with the places of fields inside its texts.
+//! Template for the body of a message to a server: JSON with placeholders for the fields of the message.
 
 use serde_json::Value;
 
 use crate::error::allowed;
 use crate::safe_file::cut;
 
-/// Field of a message that a template can contain.
+/// Field of a message that can replace a placeholder.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum MessageField {
     /// Name of the machine.
@@ -16,7 +16,7 @@ pub enum MessageField {
     Kind,
     /// Level of the event: `info`, `warning` or `error`.
     Level,
-    /// Sentence of the event.
+    /// Sentence that describes the event.
     Text,
     /// Cause of a fault.
     Cause,
@@ -36,7 +36,7 @@ pub enum MessageField {
     Alarm,
     /// Alarms that have ended.
     AlarmsOver,
-    /// Mark of a dry run.
+    /// The text "dry run" if the gateway is in a dry run, otherwise empty.
     DryRun,
     /// Number of the message.
     Count,
@@ -45,7 +45,7 @@ pub enum MessageField {
 }
 
 impl MessageField {
-    /// Every field, with its name in a template.
+    /// Every field, with the name of its placeholder.
     pub const ALL: [(MessageField, &'static str); 17] = [
         (MessageField::Machine, "machine"),
         (MessageField::When, "when"),
@@ -71,11 +71,11 @@ impl MessageField {
     }
 }
 
-/// Template of a body. A place is the name of a field in braces: `{machine}`.
+/// Template for the body of a message. A placeholder is the name of a field in braces: `{machine}`.
 #[derive(Clone, Debug, PartialEq)]
 pub struct BodyTemplate(Value);
 
-/// Message and hint of a mistake.
+/// Message and hint for a mistake in a template.
 type Wrong = (String, String);
 
 const EXAMPLE: &str =
@@ -93,23 +93,25 @@ impl BodyTemplate {
         Ok(BodyTemplate(json))
     }
 
-    /// Returns whether a text has the place of a field.
+    /// Returns whether the template contains a placeholder.
     pub fn has_fields(&self) -> bool {
         has_fields(&self.0)
     }
 
-    /// Returns the JSON of the template, with its places.
+    /// Returns the JSON of the template, with its placeholders.
     pub fn json(&self) -> &Value {
         &self.0
     }
 
-    /// Makes a body. `value` returns the text of a field. A place within that text is not replaced.
+    /// Replaces the placeholders of the template. `value` returns the text of a field. Placeholders inside that text
+    /// are not replaced.
     pub fn fill(&self, value: impl Fn(MessageField) -> String) -> Value {
         filled(&self.0, &value)
     }
 }
 
-/// Splits a text at its first place: the text before it, the name, and the text after it. `None` if there is none.
+/// Splits a text at its first placeholder. Returns the text before it, the name of the field, and the text after it.
+/// `None` if there is no placeholder.
 fn next_place(text: &str) -> Option<(&str, &str, &str)> {
     let mut from = 0;
     while let Some(found) = text[from..].find('{') {

@@ -1,10 +1,10 @@
-//! Address of a web server in a profile. Path and query may be secret, and are never shown.
+//! Address of a web server in a profile. Path and query may be secret, so they are never shown.
 
 use std::fmt;
 
 use crate::host_port::{NoPlace, host_and_port, in_url, is_host};
 
-/// Longest address. A longer one is probably a copying mistake.
+/// Maximum length of an address in bytes. A longer one is probably a copying mistake.
 const LONGEST: usize = 2000;
 /// Placeholder in an address for a token that is in a separate file.
 const TOKEN: &str = "{token}";
@@ -22,7 +22,7 @@ pub struct Url {
     target: String,
 }
 
-/// Formats scheme, host and port. The rest may be secret.
+/// Formats only scheme, host and port. Path and query may be secret.
 impl fmt::Display for Url {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{}://{}", if self.tls { "https" } else { "http" }, self.authority())
@@ -35,7 +35,7 @@ impl fmt::Debug for Url {
     }
 }
 
-/// Message and hint. They do not quote the address.
+/// Message and hint for an invalid address. They do not quote it.
 type Wrong = (String, &'static str);
 
 const WRITE: &str = "write the address as \"https://alarms.plant.example/isotherm\"";

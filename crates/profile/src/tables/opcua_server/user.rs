@@ -8,7 +8,7 @@ use crate::tables::bus::tls::{NamedFile, password};
 
 /// Largest length of the name of a user, in bytes.
 const LONGEST: usize = 100;
-/// Word that the OPC UA library reserves for clients without a user.
+/// User name that the OPC UA library reserves for clients without a user.
 const RESERVED: &str = "ANONYMOUS";
 
 /// User that may log in to the server.
@@ -42,13 +42,13 @@ enum ServerCommand {
 pub struct ServerUser {
     /// Name of the user.
     pub name: String,
-    /// Secret by which the user logs in.
+    /// Secret with which the user logs in.
     pub login: ServerLogin,
     /// Whether the user may send measured errors.
     pub takes_measured: bool,
 }
 
-/// Secret by which a user logs in.
+/// Secret with which a user logs in.
 #[derive(Clone, Debug, PartialEq)]
 pub enum ServerLogin {
     /// File that contains the password. A newline at the end of the file is not part of the password.
@@ -58,7 +58,7 @@ pub enum ServerLogin {
 }
 
 impl ServerUser {
-    /// Returns the file with the password; `None` for a user with a certificate.
+    /// Returns the file with the password. `None` if the user logs in with a certificate.
     pub(super) fn password(&self) -> Option<&NamedFile> {
         match &self.login {
             ServerLogin::Password(file) => Some(file),

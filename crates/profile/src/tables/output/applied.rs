@@ -1,4 +1,5 @@
-//! `read_back` of an output: the applied value that a control reports, or the object that reads the written value.
+//! `read_back` of an output: the register in which a control reports the applied value, or the object from which the
+//! written value is read.
 
 use std::time::Duration;
 
@@ -13,10 +14,10 @@ use crate::tables::device::Device;
 use crate::tables::register::{self, TypeWord, WordOrderWord, plain};
 use isotherm_core::codec::{Encoding, Register, Scale};
 
-/// Default time for applying a change.
+/// Default time within which the control must apply a change.
 const SETTLE: Duration = Duration::from_secs(1);
 
-/// Place that reads back an output: an object on CAN, a register on Modbus.
+/// Value of the key `read_back`: a CANopen object, or a Modbus register.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(untagged)]
 #[schemars(rename = "ReadBackPlace", description = "")]
@@ -50,7 +51,7 @@ pub(crate) struct RawReadBack {
     settle: Option<Timespan>,
 }
 
-/// Applied value of an offset, which the control reports in another register.
+/// Register in which the control reports the offset that it has applied.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Applied {
     /// Register of the applied value.
@@ -63,7 +64,7 @@ pub struct Applied {
     pub settle: Duration,
 }
 
-/// Resolves the applied value. `written` is the register of the output, with its encoding.
+/// Resolves `read_back` of an output on a Modbus device. `written` is the register of the output, with its encoding.
 pub(crate) fn resolve(
     raw: &RawOutput,
     at: &KeyContext<'_>,

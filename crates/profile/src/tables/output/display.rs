@@ -1,4 +1,4 @@
-//! `beside` and `stale` of an output: further words of a digit display, and its text without a position.
+//! `beside` and `stale` of an output: additional registers of a digit display, and its text while there is no position.
 
 use schemars::JsonSchema;
 use serde::Deserialize;
@@ -48,12 +48,12 @@ pub(super) struct RawStale {
     characters: Option<u8>,
 }
 
-/// Words of a display, apart from its value. Empty for other outputs.
+/// Additional registers of a digit display. Empty for other outputs.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Display {
-    /// Words that are written with each value.
+    /// Registers that are written together with each value.
     pub beside: Vec<ExtraWord>,
-    /// Text that is written if there is no position to correct, or the axis is off.
+    /// Text that is written if there is no position to correct, or if the axis is off.
     pub stale: Option<Stale>,
 }
 
@@ -81,7 +81,7 @@ pub struct Stale {
     pub words: Vec<u16>,
 }
 
-/// State of an axis, for a display.
+/// State of an axis as a digit display shows it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Shown {
     /// The axis follows its first model.
@@ -93,7 +93,7 @@ pub enum Shown {
 }
 
 impl ExtraWord {
-    /// Returns the word for this state.
+    /// Returns the register value for this state of the axis.
     pub fn word(self, shown: Shown) -> u16 {
         match shown {
             Shown::Good => self.good,
@@ -104,7 +104,8 @@ impl ExtraWord {
 }
 
 impl Stale {
-    /// Encodes a text in words with this number of characters each, padded with blanks.
+    /// Encodes a text as register values, with one or two characters in each. An odd last character is followed by a
+    /// blank.
     pub fn words(text: &str, characters: u8) -> Vec<u16> {
         let bytes = text.as_bytes();
         if characters == 1 {
@@ -116,7 +117,7 @@ impl Stale {
 }
 
 impl Display {
-    /// Preview of the further words and the text.
+    /// Preview of the additional registers and the text.
     pub(super) fn preview(&self) -> Vec<String> {
         let at = |offset| Notation::from(Register { table: Table::Holding, offset });
         let beside = self.beside.iter().map(|word| {
@@ -137,7 +138,7 @@ impl Display {
         beside.chain(stale).collect()
     }
 
-    /// Iterates over the registers of the display, without those of the value.
+    /// Iterates over the additional registers of the display, which do not contain its value.
     pub fn registers(&self) -> impl Iterator<Item = Register> + '_ {
         let texts = self.stale.iter().flat_map(|stale| (stale.register..).take(stale.words.len()));
         let words = self.beside.iter().map(|beside| beside.register);
@@ -145,7 +146,7 @@ impl Display {
     }
 }
 
-/// Resolves the further words and the text of a display.
+/// Resolves the additional registers and the text of a display.
 pub(crate) fn resolve(raw: &RawOutput, at: &KeyContext<'_>, device: Option<&Device>) -> Display {
     for key in ["beside", "stale"].into_iter().filter(|key| at.has(key) && raw.is_written_as_cz()) {
         let help = "remove this key, or write writes = \"corrected\"";
@@ -160,7 +161,8 @@ pub(crate) fn resolve(raw: &RawOutput, at: &KeyContext<'_>, device: Option<&Devi
     Display { beside, stale }
 }
 
-/// Returns the type of an output at the key `type`. The type of a digit display has the number of decimals of `scale`.
+/// Returns the type of an output at the key `type`. The type of a digit display includes the number of decimals, which
+/// results from `scale`.
 pub(crate) fn digits(raw: &RawOutput, at: &KeyContext<'_>) -> Option<DataType> {
     let TypeWord(kind) = raw.kind?;
     match (kind, raw.scale) {

@@ -80,7 +80,8 @@ impl Output {
         section
     }
 
-    /// Describes the detection of a restart of the control, in addition to the register becoming zero.
+    /// Describes how a restart of the control is detected, in addition to the register becoming zero. `None` if nothing
+    /// else is configured.
     fn restart(&self, profile: &Profile) -> Option<String> {
         let counter = self.boot_counter.map(|id| format!("{} changes", profile.signal(id).address));
         let on = profile.machine.on.filter(|_| self.writes.is_scheduled());
@@ -90,7 +91,7 @@ impl Output {
     }
 }
 
-/// Describes the verification of this output's writes in a sentence.
+/// Describes how the writes of this output are verified.
 fn verification(output: &Output, device: &Device) -> String {
     let is_object = matches!(output.address, Address::Object(_));
     let is_node = matches!(output.address, Address::Node(_));

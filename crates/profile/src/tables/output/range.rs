@@ -1,4 +1,4 @@
-//! Written quantities with their axes: their meaning, and the range of their counts.
+//! Meaning of a written value, and the range of its counts, which results from the limits of its axis.
 
 use super::Output;
 use super::share::Share;
@@ -9,8 +9,8 @@ use crate::tables::axis::Axis;
 use crate::tables::{Check, KeyContext};
 use isotherm_core::quantity::Micron;
 
-/// Checks that each output can hold every value of its axis. Sets for each axis the coarsest count of its outputs,
-/// which is the smallest change that they can show.
+/// Checks that each output can hold every value of its axis. Stores at each axis the coarsest count of its outputs,
+/// which is the smallest change of Cz that all outputs can show.
 pub(in crate::tables) fn note_counts(check: &mut Check<'_>) {
     for output in check.outputs.valid() {
         let at = check.at("output").key(&output.name);
@@ -25,7 +25,7 @@ pub(in crate::tables) fn note_counts(check: &mut Check<'_>) {
     }
 }
 
-/// Describes the written quantity and its direction.
+/// Describes for the preview the written quantity, the sign, and the counts for a change of the quantity.
 pub(super) fn meaning(output: &Output, axis: &Axis, profile: &Profile) -> String {
     let per_count = output.encoding.scale.get();
     let line = axis.settings.intercept_slope;
@@ -58,7 +58,8 @@ pub(super) fn meaning(output: &Output, axis: &Axis, profile: &Profile) -> String
     }
 }
 
-/// Returns the smallest and the largest count that are ever written, including the bias. `None` if nothing limits them.
+/// Returns the smallest and the largest count that the gateway can write, including the bias. `None` if nothing limits
+/// them.
 pub(super) fn counts(output: &Output, axis: &Axis, profile: &Profile) -> Option<(i64, i64)> {
     let encoding = &output.encoding;
     encoding.data_type.integer_range()?;
@@ -75,7 +76,7 @@ fn signed(number: f64) -> String {
     format!("{}{}", if number < 0.0 { "−" } else { "+" }, figure(number.abs(), 6))
 }
 
-/// Returns the smallest and the largest value that are ever written, in the unit of the output. `None` if nothing
+/// Returns the smallest and the largest value that the gateway can write, in the unit of the output. `None` if nothing
 /// limits them.
 fn reach(output: &Output, axis: &Axis, range: Option<(f64, f64)>) -> Option<(f64, f64)> {
     let limit = axis.settings.guard.limit.get() * axis.factor();
@@ -88,7 +89,7 @@ fn reach(output: &Output, axis: &Axis, range: Option<(f64, f64)>) -> Option<(f64
     }
 }
 
-/// Reports a register that cannot hold every value of the axis, or a step that is smaller than one count.
+/// Reports a type that cannot hold every value of the axis, and a `step` of the axis that is smaller than one count.
 fn can_move(check: &Check<'_>, at: &KeyContext<'_>, output: &Output, axis: &Axis) {
     let encoding = &output.encoding;
     let Some((low, high)) = encoding.data_type.integer_range() else { return };
@@ -126,8 +127,8 @@ fn can_move(check: &Check<'_>, at: &KeyContext<'_>, output: &Output, axis: &Axis
     }
 }
 
-/// Sets the count of the axis (smallest change of Cz) to the count of this output, if that is coarser. For a diameter
-/// the output contains twice Cz, so its count is divided by two. A slope output sets the count of the slope instead.
+/// Stores the count of this output at its axis if it is coarser than the stored one. For a diameter the output contains
+/// twice Cz, so its count is divided by two. A slope output changes the count of the slope instead.
 fn note_count(axis: &mut Axis, output: &Output) {
     if output.encoding.data_type.integer_range().is_none() {
         return;

@@ -50,7 +50,8 @@ impl RawOutput {
         })
     }
 
-    /// Reports an axis that is faster than the control can follow. The control would lag unnoticed.
+    /// Reports an axis that moves faster than the control can follow. Otherwise the control would lag without a
+    /// message.
     fn keeps_pace(&self, check: &Check<'_>, at: &KeyContext<'_>) {
         let most = at.key("largest_step").positive(self.largest_step);
         let least = at.key("shortest_every").duration(self.shortest_every);

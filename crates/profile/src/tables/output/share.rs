@@ -1,4 +1,4 @@
-//! `share` of an output: ownership of its register.
+//! `share` of an output: who writes to its register.
 
 use schemars::JsonSchema;
 use serde::Deserialize;
@@ -8,12 +8,12 @@ use crate::tables::KeyContext;
 use crate::tables::device::Device;
 use isotherm_core::codec::{DataType, Table};
 
-/// Ownership of an output's register.
+/// Who writes to the register of an output.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 #[schemars(rename = "ShareWord", description = "")]
 pub enum Share {
-    /// The gateway owns the register.
+    /// Only the gateway writes to the register.
     #[default]
     Whole,
     /// An operator also writes to the register. The register ledger on disk stores the gateway share (part of the value

@@ -1,4 +1,4 @@
-//! Settings of an output in the profile file itself, and the meaning of its registers for the control.
+//! Settings of an output as the profile file states them, and how the control interprets its registers.
 
 use serde_json::Value;
 
@@ -10,7 +10,7 @@ use crate::source_map::child;
 use isotherm_core::codec::{ControlView, Encoding, Scale};
 use isotherm_core::quantity::Micron;
 
-/// Adds to each output the settings of the profile file.
+/// Stores at each output the settings that the profile file itself states.
 pub(crate) fn by(file: &Value, profile: &mut Profile) {
     let allowed = allowed(file);
     let at = |kind: &str, name: &str, key: &str| {
@@ -33,7 +33,7 @@ pub(crate) fn by(file: &Value, profile: &mut Profile) {
 }
 
 impl Stated {
-    /// Returns the settings of the merged profile.
+    /// Returns the settings of an output in the merged profile.
     fn of(profile: &Profile, output: &Output) -> Stated {
         let axis = profile.axis(output.axis);
         let Encoding { scale, bias, .. } = output.encoding;

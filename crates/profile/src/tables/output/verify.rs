@@ -1,4 +1,4 @@
-//! `verify` of an output: verification of its writes.
+//! `verify` of an output: how its writes are verified.
 
 use schemars::JsonSchema;
 use serde::Deserialize;
@@ -12,14 +12,14 @@ pub(crate) enum VerifyWord {
     Echo,
 }
 
-/// Verification of a write.
+/// How a write is verified.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Verify {
-    /// The register is read after the write.
+    /// The written register, object or node is read after the write.
     ReadBack,
     /// The answer of the device to the write repeats address and value.
     Echo,
-    /// This CANopen object is read, which has the same type as the written value.
+    /// The value is read from this CANopen object, which has the type of the written value.
     ReadBackAt(Object),
     /// The write is not verified, because the value is only displayed.
     Shown,

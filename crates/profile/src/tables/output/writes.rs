@@ -28,13 +28,13 @@ pub(super) enum WritesWord {
 pub enum Writes {
     /// Cz in µm, written at each update of the axis.
     Offset,
-    /// K0 in µm: Cz at the reference position, if the control applies the slope itself.
+    /// K0 in µm: Cz at the reference position. The control applies the slope itself.
     Intercept,
     /// tanβ in µm/mm. The control multiplies it by the distance from the reference position.
     Slope,
     /// P0 in mm: the reference position, at which the slope has no effect. It is a constant of the profile.
     Reference,
-    /// Position + Cz in mm, as soon as the position is read.
+    /// Position + Cz in mm, written each time the position is read.
     Corrected {
         /// Signal with the position that the linear scale measures.
         position: SignalId,
@@ -53,7 +53,7 @@ impl Writes {
         }
     }
 
-    /// Returns the position that the output corrects, if it does.
+    /// Returns the signal of the position that the output corrects. `None` if the output writes no position.
     pub const fn position(self) -> Option<SignalId> {
         match self {
             Writes::Corrected { position } => Some(position),
@@ -61,7 +61,7 @@ impl Writes {
         }
     }
 
-    /// Unit of the value.
+    /// Returns the unit of the written value: µm, µm/mm or mm.
     pub const fn unit(self) -> &'static str {
         match self {
             Writes::Offset | Writes::Intercept => "µm",
@@ -75,8 +75,8 @@ impl Writes {
         matches!(self, Writes::Offset | Writes::Intercept)
     }
 
-    /// Returns true if the value is written with the period of the axis, into a register of its own. A position plus Cz
-    /// is not: it is written at each reading of the position.
+    /// Returns whether the value is written with the period of the axis. A position plus Cz is not: it is written each
+    /// time the position is read.
     pub const fn is_scheduled(self) -> bool {
         !matches!(self, Writes::Corrected { .. })
     }
@@ -87,7 +87,7 @@ impl Writes {
     }
 }
 
-/// Resolves the key `writes`, with the position that is corrected.
+/// Resolves the key `writes`. For "corrected", also resolves the signal of the position.
 pub(super) fn resolve(
     writes: Option<WritesWord>,
     position: Option<&String>,

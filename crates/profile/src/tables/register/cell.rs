@@ -6,7 +6,7 @@ use std::str::FromStr;
 use crate::tables::KeyContext;
 use isotherm_core::codec::{DataType, Part, Register, Whole};
 
-/// Largest number of a bit of one register, and of two registers.
+/// Highest bit number of one register. The next constant is that of two registers.
 const LAST_OF_ONE: u8 = 15;
 const LAST_OF_TWO: u8 = 31;
 
@@ -19,7 +19,7 @@ pub struct Cell {
     pub bits: Bits,
 }
 
-/// Bits of a register that contain a value.
+/// Bits of a register that contain the value.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Bits {
     /// Whole registers, a coil or a discrete input.
@@ -31,12 +31,12 @@ pub enum Bits {
 }
 
 impl Cell {
-    /// Modicon notation, for example `30017.4-7`.
+    /// Formats the address in Modicon notation, for example as `30017.4-7`.
     pub fn modicon(self) -> String {
         self.with_bits(&self.address.modicon())
     }
 
-    /// Adds the bits to the notation of the register.
+    /// Appends the bits to the notation of the register.
     fn with_bits(self, register: &str) -> String {
         match self.bits {
             Bits::All => register.to_owned(),
@@ -45,8 +45,8 @@ impl Cell {
         }
     }
 
-    /// Resolves the type of the value of several bits. `kind` is the type that the profile states at the key `type` of
-    /// `at`. The default is unsigned bits of one register.
+    /// Resolves the type of a value that consists of several bits. `kind` is the type that the profile states at the
+    /// key `type`. By default the bits are unsigned, and in one register.
     pub(crate) fn part(
         at: &KeyContext<'_>,
         (first, last): (u8, u8),

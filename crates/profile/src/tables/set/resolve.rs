@@ -1,4 +1,4 @@
-//! Checks of the sets.
+//! Checks and resolves the output sets.
 
 use std::collections::HashSet;
 
@@ -73,7 +73,7 @@ pub(in crate::tables) fn resolve(check: &mut Check<'_>) {
     check.sets.resolved = sets;
 }
 
-/// Returns the outputs of each set.
+/// Returns the outputs of each set, by the index of the set.
 fn members(check: &Check<'_>) -> Members {
     let mut members = Vec::new();
     for (place, name) in check.outputs.names.iter().enumerate() {
@@ -88,8 +88,8 @@ fn members(check: &Check<'_>) -> Members {
     members.into_iter().collect()
 }
 
-/// Reports an output that cannot be in a set or have a handshake. Such outputs are corrected positions, outputs that
-/// are not read back, and those that share their register.
+/// Reports an output that cannot be in a set, or cannot have a handshake. These are corrected positions, outputs that
+/// are not read back, and outputs that share their register with an operator.
 fn can_be_exchanged(check: &Check<'_>, at: &KeyContext<'_>, key: &str, output: &Output) {
     if output.writes.position().is_some() {
         let help = format!("remove `{key}`: the corrected position is written as soon as its scale is read");

@@ -1,4 +1,4 @@
-//! Checks of handshakes: their timeouts, and the bits with which the control acknowledges.
+//! Checks the handshakes of output sets: their timeouts, and the bits with which the control acknowledges.
 
 use std::collections::HashMap;
 
@@ -36,7 +36,7 @@ pub(super) fn has_time(check: &Check<'_>, set: &OutputSet) {
     }
 }
 
-/// Reports an acknowledge bit that two handshakes use, because it would be ambiguous which of them it acknowledges.
+/// Reports an acknowledge bit that two handshakes use. Such a bit would not show which of the two is acknowledged.
 pub(super) fn acknowledges_apart(check: &Check<'_>, sets: &[Option<OutputSet>]) {
     let mut users = HashMap::new();
     for set in sets.iter().flatten() {

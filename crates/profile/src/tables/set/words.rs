@@ -1,4 +1,4 @@
-//! Words of an output set that are not values of outputs.
+//! Words of an output set that are not values of outputs, such as heartbeat and version.
 
 use schemars::JsonSchema;
 use serde::Deserialize;
@@ -51,8 +51,8 @@ impl RawVersion {
     }
 }
 
-/// Reports keys that an output set in nodes cannot have. The specification leaves the order of the writes in a call to
-/// the server, so no word is last.
+/// Reports keys that are not allowed for an output set in OPC UA nodes. In one write call, the server chooses the order
+/// of the writes, so no word is reliably the last.
 pub(super) fn foreign_to_nodes(at: &KeyContext<'_>) {
     for key in ["sequence", "complement"].into_iter().filter(|key| at.has(key)) {
         let message = format!(

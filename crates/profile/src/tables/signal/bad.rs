@@ -64,7 +64,8 @@ pub(crate) fn sentinels(bad: Option<&Vec<BadValue>>, at: &KeyContext<'_>) -> Vec
     sentinels
 }
 
-/// Reports sentinels that the type cannot hold. They would never be detected, and a broken sensor would be accepted.
+/// Reports raw values that the type cannot hold. They would never be detected, so the reading of a broken sensor would
+/// be accepted.
 pub(super) fn sentinels_fit(at: &KeyContext<'_>, encoding: &Encoding) {
     let Some((low, high)) = encoding.data_type.integer_range() else { return };
     for bad in encoding.bad.iter().filter(|bad| !(low..=high).contains(&i128::from(bad.raw))) {

@@ -35,7 +35,7 @@ struct RawCapture {
     value: Option<u16>,
 }
 
-/// Command on which a counter copies its count into its registers, before each read.
+/// Command after which a counter copies its count into its registers. The gateway writes the command before each read.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Capture {
     /// Coil or holding register of the same device.
@@ -45,7 +45,7 @@ pub struct Capture {
 }
 
 impl RawCounter {
-    /// Resolves the counter of a value with this poll period, and the command that captures its count.
+    /// Resolves the counter of a signal, and the command that captures its count. `every` is the poll period.
     pub(super) fn resolve(
         &self,
         at: &KeyContext<'_>,

@@ -22,7 +22,7 @@ use crate::schema_of::schema_of;
 /// Largest plausible rate of change of a temperature that a model uses, in °C/s. The number is the same in K/s.
 const DEFAULT_RATE: f64 = 5.0;
 
-/// `range` as the profile writes it.
+/// Value of the key `range`: two numbers, or "none".
 #[derive(Clone, Copy, Debug, Deserialize)]
 #[serde(untagged)]
 pub(super) enum RangeValue {
@@ -30,7 +30,7 @@ pub(super) enum RangeValue {
     Word(NoLimit),
 }
 
-/// `max_rate` as the profile writes it.
+/// Value of the key `max_rate`: a number, or "none".
 #[derive(Clone, Copy, Debug, Deserialize)]
 #[serde(untagged)]
 pub(super) enum RateValue {
@@ -38,7 +38,7 @@ pub(super) enum RateValue {
     Word(NoLimit),
 }
 
-/// Word that removes a limit, including the limit of the template.
+/// Word that removes a limit, including that of the template.
 #[derive(Clone, Copy, Debug, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub(super) enum NoLimit {
@@ -67,7 +67,7 @@ impl RangeValue {
 }
 
 impl RateValue {
-    /// Returns the rate. `None` if the profile writes "none".
+    /// Returns the number. `None` if the profile writes "none".
     pub(super) fn number(self) -> Option<f64> {
         match self {
             RateValue::Number(rate) => Some(rate),
@@ -110,17 +110,18 @@ pub struct DefaultLimits {
 }
 
 impl DefaultLimits {
-    /// Returns whether the signal has no default limit.
+    /// Returns whether the signal has neither a default range nor a default rate.
     pub fn is_empty(&self) -> bool {
         self.range.is_none() && self.max_rate.is_none()
     }
 
-    /// Returns the conditions under which a reading in this unit is rejected.
+    /// Describes the default limits as conditions under which a reading in this unit is rejected.
     pub fn conditions(&self, unit: Unit) -> Vec<String> {
         self.range_condition(unit).into_iter().chain(self.rate_condition(unit)).collect()
     }
 
-    /// Returns the condition under which the default range rejects a reading in this unit. `None` without one.
+    /// Describes the default range as a condition under which a reading in this unit is rejected. `None` if there is no
+    /// default range.
     pub fn range_condition(&self, unit: Unit) -> Option<String> {
         self.range.map(|range| match range {
             DefaultRange::Within(low, high) => format!("outside {low} to {high} {unit}"),
@@ -128,13 +129,14 @@ impl DefaultLimits {
         })
     }
 
-    /// Returns the condition under which the default rate rejects a reading in this unit. `None` without one.
+    /// Describes the default rate as a condition under which a reading in this unit is rejected. `None` if there is no
+    /// default rate.
     pub fn rate_condition(&self, unit: Unit) -> Option<String> {
         self.max_rate.map(|rate| format!("faster than {rate} {unit} per second"))
     }
 }
 
-/// Unit of a temperature.
+/// Temperature unit of a signal.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Temperature {
     Celsius,
@@ -150,7 +152,7 @@ impl Temperature {
         }
     }
 
-    /// Range of a temperature that a model uses.
+    /// Returns the default range of a temperature that a model uses.
     fn usual(self) -> DefaultRange {
         match self {
             Temperature::Celsius => DefaultRange::Within(-40.0, 200.0),
@@ -158,7 +160,7 @@ impl Temperature {
         }
     }
 
-    /// Range of any other temperature.
+    /// Returns the default range of a temperature that no model uses.
     fn physical(self) -> DefaultRange {
         DefaultRange::NotBelow(match self {
             Temperature::Celsius => -273.15,
@@ -173,7 +175,7 @@ impl RawSignal {
         self.difference.unwrap_or(false)
     }
 
-    /// Resolves `difference`, which only a temperature may have.
+    /// Resolves the key `difference`, which only a temperature may have.
     pub(super) fn is_difference(&self, at: &KeyContext<'_>, unit: Option<Unit>) -> bool {
         let is_difference = self.is_marked_difference();
         if let Some(unit) = unit.filter(|unit| is_difference && Temperature::of(*unit).is_none()) {
@@ -183,7 +185,8 @@ impl RawSignal {
         is_difference
     }
 
-    /// Returns the limits that apply because the profile states none. `is_used`: a model uses the signal.
+    /// Returns the default limits of a signal, which apply if the profile states none. `is_used` says whether a model
+    /// uses the signal.
     pub(in crate::tables) fn defaults(&self, signal: &Signal, is_used: bool) -> DefaultLimits {
         let Some(temperature) = Temperature::of(signal.unit).filter(|_| !signal.is_difference) else {
             return DefaultLimits::default();

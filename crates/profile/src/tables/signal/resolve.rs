@@ -11,8 +11,8 @@ use crate::tables::device::Device;
 use crate::tables::{Check, KeyContext, expression, label};
 use crate::{DeviceId, ReadBy};
 
-/// Largest age of a value from a subscription, in poll periods. A value needs up to one period each to be sampled,
-/// sent, requested and used.
+/// Largest age of a value from a subscription, in poll periods. It takes up to one period each to sample, send, request
+/// and use a value.
 const SENT_WITHIN: u32 = 4;
 
 impl RawSignal {

@@ -1,4 +1,4 @@
-//! Scale of a signal in another register, for the preview.
+//! Formats the scale of a signal that is read from another register, for the preview.
 
 use std::fmt;
 
@@ -6,7 +6,7 @@ use crate::document::{Json, Section, entries};
 use crate::tables::register::Notation;
 use isotherm_core::codec::{ScaleFrom, ScaleMeaning};
 
-/// Register of a scale, with the meaning of its content.
+/// Register from which a scale is read, with the meaning of its content.
 pub(super) struct ShownScale {
     register: Notation,
     meaning: ScaleMeaning,

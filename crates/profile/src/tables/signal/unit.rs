@@ -10,18 +10,19 @@ use crate::error::{also, listed};
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Unit(pub &'static str);
 
-/// Unit that a profile does not support, with its conversion: `known = factor · other + shift`.
+/// Unit that a profile does not support, and its conversion to a supported unit `known`: `known = factor · other +
+/// shift`.
 struct Other {
-    /// Spellings in lower case and without blanks.
+    /// Accepted spellings, in lower case and without blanks.
     spellings: &'static [&'static str],
-    /// Name of the unit.
+    /// Name of the unit in messages.
     name: &'static str,
     known: &'static str,
     factor: f64,
     shift: f64,
 }
 
-/// Conversion of a value to a unit that a profile has: `factor · value + shift`.
+/// Conversion of a value to a unit that a profile supports: `factor · value + shift`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Conversion {
     pub(crate) unit: Unit,
@@ -29,19 +30,20 @@ pub(crate) struct Conversion {
     pub(crate) shift: f64,
 }
 
-/// Scale and offset of the table that contains a unit. They are needed for a hint on how to convert another unit.
+/// Scale and offset that are in the same table as a unit. A hint uses them to say how to convert an unsupported unit.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Scaling {
     pub(crate) scale: Option<f64>,
     pub(crate) offset: Option<f64>,
-    /// Whether another layer, a template or a DBC file may set scale and offset.
+    /// Whether a template or a DBC file may set scale and offset.
     pub(crate) may_stand_elsewhere: bool,
-    /// Whether the value is described by a DBC file, whose unit may be converted.
+    /// Whether a DBC file describes the value, so that the unit of the file may be converted.
     pub(crate) is_in_dbc: bool,
 }
 
 impl Scaling {
-    /// Returns scale and offset of a table of the merged files. A template may set those that are missing.
+    /// Returns scale and offset of a table of the merged profile. A template or a DBC file may set those that are
+    /// missing.
     pub(crate) fn of(table: &Value) -> Scaling {
         let number = |key| table.get(key).and_then(Value::as_f64);
         let is_in_dbc = table.get("dbc").is_some();
@@ -49,7 +51,7 @@ impl Scaling {
         Scaling { scale: number("scale"), offset: number("offset"), may_stand_elsewhere, is_in_dbc }
     }
 
-    /// Returns scale and offset among the entries of a table of this layer.
+    /// Returns scale and offset from the entries of a table. `layer` is the index of the layer that contains the table.
     pub(crate) fn among(entries: &[(Spanned<DeString<'_>>, Spanned<DeValue<'_>>)], layer: usize) -> Scaling {
         let find =
             |key| entries.iter().find(|(known, _)| known.get_ref() == key).map(|(_, value)| value.get_ref());
@@ -93,7 +95,8 @@ const OTHERS: [Other; 16] = [
     other(&["ms"], "ms", "s", 1e-3, 0.0),
 ];
 
-/// Shortest length in bytes of a word in which two spelling mistakes are accepted.
+/// Minimum length, in bytes, of a word in which spelling mistakes are accepted. The next constant is the number of
+/// accepted mistakes.
 const SPELLED_OUT: usize = 6;
 const SLIPS: usize = 2;
 
@@ -109,14 +112,14 @@ impl Unit {
         Unit::WORDS.into_iter().find(|known| *known == name).map(Unit)
     }
 
-    /// Returns the conversion from a unit that a profile does not have, by the name that hints use for it.
+    /// Returns the conversion of an unsupported unit. `name` is the name of that unit in messages.
     pub(crate) fn conversion(name: &str) -> Option<Conversion> {
         let other = OTHERS.iter().find(|other| other.name == name)?;
         let unit = Unit::named(other.known)?;
         Some(Conversion { unit, factor: other.factor, shift: other.shift })
     }
 
-    /// Builds the hint for a word that is not a unit. A unit with a similar name is never suggested, because it may be
+    /// Builds the hint for a text that is not a unit. A unit with a similar name is not suggested, because it may be
     /// another quantity, or differ by a factor of a thousand.
     pub(crate) fn help(text: &str, beside: Scaling) -> String {
         let plain: String = text.chars().filter(|one| !one.is_whitespace() && *one != '_').collect();
@@ -137,7 +140,7 @@ impl Unit {
     }
 }
 
-/// Returns whether one word was meant as another: they are equal, or differ by at most two mistakes in a long word.
+/// Returns whether a text probably means this word: they are equal, or a long word has at most two spelling mistakes.
 fn is_meant(text: &str, word: &str) -> bool {
     text == word || (word.len() >= SPELLED_OUT && strsim::damerau_levenshtein(text, word) <= SLIPS)
 }
@@ -190,7 +193,7 @@ fn figures(number: f64) -> String {
 }
 
 impl std::fmt::Display for Unit {
-    /// Formats the unit as usual, for example °C.
+    /// Formats the unit with its usual symbol, for example °C.
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.write_str(match self.0 {
             "degC" => "°C",

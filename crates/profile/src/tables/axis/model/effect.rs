@@ -1,4 +1,4 @@
-//! Text of models: their temperature rises, and the effect on Cz if a signal changes by one unit.
+//! Formats models for the preview: their temperature rises, and the effect on Cz if a signal changes by one unit.
 
 use std::time::Duration;
 
@@ -33,7 +33,7 @@ pub(super) fn effect_of(signals: &[Signal], input: &Input, change: f64, place: &
     format!("when {name} goes from 0 to {top} {unit}{place}, its square changes Cz by {sign}{change} µm")
 }
 
-/// Returns the condition `place` of a sentence, with the lag of an input added.
+/// Appends the lag of an input to the condition `place` of a sentence. Without a lag, returns `place` unchanged.
 pub(super) fn late(signals: &[Signal], input: &Input, place: &str) -> String {
     let signal = &signals[input.signal.0].name;
     let behind =
@@ -41,7 +41,8 @@ pub(super) fn late(signals: &[Signal], input: &Input, place: &str) -> String {
     input.time_constant().map_or_else(|| place.to_owned(), behind)
 }
 
-/// Value of a signal at which its effect is calculated: the middle of its range, or 20 without a range.
+/// Returns the value of a signal for which its effect is calculated. It is the middle of its range, or 20 if the signal
+/// has no range.
 pub(super) fn middle(signals: &[Signal], id: SignalId) -> f64 {
     signals[id.0].range.map_or(20.0, |(low, high)| f64::midpoint(low, high))
 }
@@ -75,8 +76,8 @@ pub(super) fn lagged(input: &Input) -> String {
     input.time_constant().map_or_else(String::new, |lag| format!(" lagged by {}", shown(lag)))
 }
 
-/// Formats a number of a model with at most three decimals, or with four significant digits if it is below 1. A person
-/// needs no more: a thousandth is a nanometre of Cz, or a micrometre of a position.
+/// Formats a number of a model with at most three decimals. A number below 1 has four significant digits. More digits
+/// are not useful: a thousandth is a nanometre of Cz, or a micrometre of a position.
 pub(super) fn figure(number: f64) -> String {
     if number.abs() >= 1.0 {
         return document::figure(number, 3);
@@ -85,7 +86,7 @@ pub(super) fn figure(number: f64) -> String {
     document::figure(rounded, 12)
 }
 
-/// Formats µm with their sign, and with at most three decimals.
+/// Formats µm with a sign and at most three decimals.
 pub(in crate::tables::axis) fn signed(cz: f64) -> String {
     let rounded = (cz * 1000.0).round() / 1000.0;
     let sign = if rounded < 0.0 { "−" } else { "+" };

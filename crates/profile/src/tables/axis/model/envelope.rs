@@ -46,7 +46,7 @@ struct KnownInput {
 }
 
 impl EnvelopeFile {
-    /// Describes an error of the envelope in a sentence, with the names of the inputs.
+    /// Describes an error of the envelope file in a sentence that names the inputs.
     fn why(&self, wrong: BadEnvelope) -> String {
         let name = |place: usize| self.inputs.get(place).map_or("", |input| input.signal.as_str());
         match wrong {
@@ -78,8 +78,8 @@ impl EnvelopeFile {
     }
 }
 
-/// Resolves the envelope of a model. `Some(None)` if the model has no envelope. `model` is the model without its
-/// envelope, or `None` if it has errors.
+/// Resolves the envelope of a model. Returns `Some(None)` if the model has no envelope. `model` is the model without
+/// its envelope, or `None` if it has errors.
 pub(super) fn resolve(
     raw: &RawModel,
     at: &KeyContext<'_>,
@@ -130,7 +130,7 @@ pub(super) fn resolve(
     Some(Some(envelope?.of_halves(apart?.unwrap_or_default())))
 }
 
-/// Describes the envelope of a model, and the action outside of the envelope.
+/// Describes the envelope of a model, and what the gateway does outside of it.
 pub(super) fn preview(signals: &[Signal], envelope: &Envelope) -> String {
     let range = |known: &Identified| {
         let signal = &signals[known.input.signal.0];

@@ -1,4 +1,4 @@
-//! `expected` of a model: its error on runs that the identification did not use.
+//! `expected` of a model: its probable error, measured on runs that the identification did not use.
 
 use schemars::JsonSchema;
 use serde::Deserialize;
@@ -7,7 +7,7 @@ use super::effect::figure;
 use crate::tables::{KeyContext, optional};
 use isotherm_core::compensation::model::{Expected, Growth};
 
-/// Variance of a model's error after h hours: `a·h + b` µm².
+/// Variance of a model's error h hours after an event: `a·h + b` µm².
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 #[schemars(rename = "Expected")]

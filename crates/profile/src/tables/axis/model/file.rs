@@ -1,5 +1,6 @@
-//! Files of models next to a profile: JSON with a format and a version. Unknown keys are rejected. A file is parsed
-//! into a type, or into a sentence with the mistake. Sizes are checked where the content is used.
+//! Reads files of models that are next to a profile: JSON with a format and a version. Unknown keys are rejected. The
+//! result is a value of the requested type, or a sentence that describes the mistake. The users of the content check
+//! its sizes.
 
 use serde::Deserialize;
 use serde::de::DeserializeOwned;
@@ -42,7 +43,7 @@ pub(super) fn read<T: DeserializeOwned>(bytes: &[u8], format: &str) -> Result<T,
     }
 }
 
-/// Checks that the names in a file (`own`) fit those in the profile (`given`). `what` is the noun for a message, for
+/// Checks that the names in a file (`own`) match those in the profile (`given`). `what` is the noun for messages, for
 /// example "inputs".
 ///
 /// # Errors
@@ -77,7 +78,8 @@ pub(super) fn bytes(seals: Option<&RawSeals>, key: &str, at: &KeyContext<'_>, na
     seals.is_none_or(|seals| seals.fits(key, at, name, &bytes)).then_some(bytes)
 }
 
-/// Returns the content of a file. If the content is invalid, reports the reason with the name of the file.
+/// Returns the parsed content of a file. If the content is invalid, reports the reason with the name of the file and
+/// returns `None`.
 pub(super) fn taken<T>(at: &KeyContext<'_>, name: &str, result: Result<T, String>) -> Option<T> {
     let report = |why| at.error(at.report.spans.at_value(&at.path, format!("{name}: {why}"), None));
     result.map_err(report).ok()

@@ -48,8 +48,8 @@ fn preview(signals: &[Signal], kind: &Kind) -> Option<Computation> {
     Some(Computation { formula: text, effects: effects(signals, formula) })
 }
 
-/// Describes the effect of each signal at one point, because a formula may not be linear. The point is machine start,
-/// with every signal in the middle of its range.
+/// Describes the effect of each signal for one state of the machine, because a formula may not be linear. The state is
+/// machine start, with every signal in the middle of its range.
 fn effects(signals: &[Signal], formula: &Formula) -> Vec<String> {
     let middle = |id: SignalId| middle(signals, id);
     let at = |raised: Option<SignalId>| {

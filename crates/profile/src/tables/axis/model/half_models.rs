@@ -1,5 +1,5 @@
-//! `halves` of a model: two sums whose mean is the model. The difference of the two sums shows the uncertainty of the
-//! model outside of the envelope.
+//! `halves` of a model: two sums of terms whose mean is the model. Outside of the envelope, their difference shows the
+//! uncertainty of the model.
 //!
 //! ```json
 //! { "format": "isotherm-halves", "version": 1,
@@ -18,8 +18,8 @@ use crate::duration::shown;
 use crate::tables::KeyContext;
 use isotherm_core::compensation::model::{Model, Term};
 
-/// Largest accepted difference between a gain and the mean of its two halves (gains of the two models whose mean is the
-/// model), relative to the larger half.
+/// Largest accepted difference between the gain of a term and the mean of its gains in the two halves. The number is
+/// relative to the larger of these two gains.
 const NEAR: f64 = 1e-6;
 
 #[derive(Debug, Deserialize)]
@@ -41,7 +41,8 @@ struct HalfTerm {
     net: f64,
 }
 
-/// Returns for each term the difference between its gains in the two halves (the two models whose mean is the model).
+/// Reads the file `halves` of a model. Returns for each term of the model the difference between its gains in the two
+/// halves. If the file does not match the model, reports an error and returns `None`.
 pub(super) fn resolve(
     seals: Option<&RawSeals>,
     at: &KeyContext<'_>,

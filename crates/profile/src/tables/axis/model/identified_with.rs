@@ -1,4 +1,4 @@
-//! `identified_with` of a model: settings of the identification that the profile must agree with.
+//! `identified_with` of a model: settings that were used for the identification, and that the profile should have too.
 
 use schemars::JsonSchema;
 use serde::Deserialize;
@@ -6,7 +6,7 @@ use serde::Deserialize;
 use crate::duration::{Timespan, shown};
 use crate::tables::KeyContext;
 
-/// Settings of the identification.
+/// Settings that were used for the identification.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 #[schemars(rename = "IdentifiedWith")]

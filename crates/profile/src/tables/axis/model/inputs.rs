@@ -1,4 +1,5 @@
-//! Inputs of models: signals by name or in the order of a file, references of their rises, and lags.
+//! Inputs of models: the signals, given by name or in the order of a file, the references of their rises, and their
+//! lags.
 
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -84,7 +85,7 @@ impl From<ReferenceValue> for Reference {
 
 impl Inputs {
     /// Returns whether an input of a list has the reference "zero". `of_model` is the `reference` of the model, which
-    /// applies to inputs without their own.
+    /// applies to inputs without a reference of their own.
     pub(super) fn are_at_zero(&self, of_model: Option<ReferenceValue>) -> bool {
         let Inputs::InOrder(inputs) = self else { return false };
         let own = inputs.iter().filter_map(|input| match input {
@@ -95,8 +96,8 @@ impl Inputs {
     }
 }
 
-/// Returns the inputs in their order, with the names of their signals. `default` is the reference of inputs without
-/// one. Without a default, every input needs a reference.
+/// Returns the inputs in the order of the list, with the names of their signals. `default` is the reference of inputs
+/// that have none. If `default` is `None`, a missing reference is an error.
 pub(super) fn in_order<'r>(
     (raw, reference): (Option<&'r Inputs>, Option<ReferenceValue>),
     at: &KeyContext<'_>,
@@ -142,7 +143,8 @@ pub(super) fn in_order<'r>(
     (found.len() == inputs.len()).then_some((found, names))
 }
 
-/// Resolves the lag of a term or an input, which must then have a reference. `Some(None)` if the profile states no lag.
+/// Resolves the lag of a term or an input. An input with a lag must have a reference. Returns `Some(None)` if the
+/// profile states no lag, and `None` if the lag is invalid.
 pub(super) fn lag(
     at: &KeyContext<'_>,
     raw: Option<Timespan>,

@@ -1,4 +1,4 @@
-//! Kinds of models.
+//! Kinds of models, for example linear models and networks.
 
 use super::raw::RawModel;
 use crate::tables::KeyContext;
@@ -22,14 +22,14 @@ pub(super) struct KindOfModel {
     pub(super) places: fn(&Kind) -> Option<Places>,
 }
 
-/// Position signal of a model, with the positions at which the preview evaluates the model, mm.
+/// Position signal of a model, and the positions in mm at which the preview evaluates the model.
 pub(super) type Places = (SignalId, Vec<f64>);
 
-/// Calculation of a model as text.
+/// Calculation of a model, as text for the preview.
 #[derive(Default)]
 pub(super) struct Computation {
     /// Formula, for example `Cz = 2.4·(bed − 20) + 0 µm`.
     pub(super) formula: String,
-    /// Effect of one unit of each signal.
+    /// Sentences about the effect of each signal on Cz if the signal changes by one unit.
     pub(super) effects: Vec<String>,
 }

@@ -10,7 +10,7 @@ use crate::tables::{KeyContext, optional};
 use isotherm_core::compensation::model::{Input, Kind, Linear, Reference, Slope, Term};
 use isotherm_core::quantity::{Micron, MicronPerCelsius, MicronPerMillimetreCelsius, Millimetre};
 
-/// Number of µm in a mm, for thermal expansion.
+/// Number of µm in a mm, for the thermal expansion of a length in mm.
 const MICRONS: f64 = 1000.0;
 
 pub(super) const KIND: KindOfModel = KindOfModel {
@@ -156,8 +156,8 @@ fn preview(signals: &[Signal], kind: &Kind) -> Option<Computation> {
     Some(Computation { formula: text(signals, linear), effects: effects(signals, linear) })
 }
 
-/// Returns the ends of the travel for which a slope applies, and the position at which it has no effect (reference
-/// position), mm.
+/// Returns the reference position of a slope (position at which it has no effect), and the ends of its travel, in mm.
+/// `None` if the model has no slope.
 fn places(kind: &Kind) -> Option<Places> {
     let Kind::Linear(Linear { slope: Some(slope), .. }) = kind else { return None };
     let travel = slope.travel.iter().flat_map(|(from, to)| [from.get(), to.get()]);
@@ -226,7 +226,7 @@ fn effects(signals: &[Signal], linear: &Linear) -> Vec<String> {
     effects
 }
 
-/// Describes each signal of a long sum: its immediate effect, and its effect in the steady state.
+/// Describes each signal of a sum that has many terms: its effect on Cz at once, and in the steady state.
 fn at_once_and_at_rest(signals: &[Signal], terms: &[Term]) -> Vec<String> {
     let own = gains(terms).into_iter().map(|(input, gain)| ((input.signal, input.squared), (input, gain)));
     let sum = |own: Vec<(Input, f64)>| {
@@ -243,8 +243,8 @@ fn at_once_and_at_rest(signals: &[Signal], terms: &[Term]) -> Vec<String> {
     grouped(own).into_iter().map(|(_, own)| sum(own)).collect()
 }
 
-/// Describes the steady-state effect of each signal that has several terms with different lags. A single term may have
-/// the opposite sign.
+/// Describes the steady-state effect of each signal that has several terms with different lags. The terms must be added
+/// up, because a single term may have the opposite sign.
 fn together<Gain: Copy + Into<f64>>(
     signals: &[Signal],
     terms: &[Term<Gain>],
@@ -261,12 +261,12 @@ fn together<Gain: Copy + Into<f64>>(
     grouped(own).into_iter().filter_map(|(_, own)| sum(own)).collect()
 }
 
-/// Returns each input with its gain, in the unit of the sum.
+/// Returns the input and the gain of each term.
 fn parts<Gain: Copy + Into<f64>>(terms: &[Term<Gain>]) -> Vec<(Input, f64)> {
     terms.iter().map(|term| (term.input, term.gain.into())).collect()
 }
 
-/// Adds up the gains of all terms with the same signal, power and lag.
+/// Adds up the gains of terms with the same signal, power and lag. Returns each such input once, with its total gain.
 fn gains<Gain: Copy + Into<f64>>(terms: &[Term<Gain>]) -> Vec<(Input, f64)> {
     let keyed =
         parts(terms).into_iter().map(|part| ((part.0.signal, part.0.squared, part.0.time_constant()), part));

@@ -69,7 +69,8 @@ impl MatrixFile {
         Ok(file)
     }
 
-    /// Returns one component (0 x, 1 y, 2 z) times a factor: for each point of the guideway, one number per block.
+    /// Returns the gains of one displacement component (0 x, 1 y, 2 z), multiplied by `factor`. The list contains for
+    /// each point of the guideway one number per block.
     fn component(&self, component: usize, factor: f64) -> Vec<f64> {
         let rows = self.rows.iter().skip(component).step_by(3);
         rows.flatten().map(|entry| entry * factor).collect()
@@ -116,12 +117,13 @@ fn resolve(raw: &RawModel, at: &KeyContext<'_>) -> Option<Kind> {
     taken(&at, name, matrix).map(Kind::Matrix)
 }
 
-/// Converts the numbers of a file into quantities.
+/// Converts the numbers of a file into values with a unit, such as millimetres. A number that is not finite is an
+/// error.
 fn quantities<Q: TryFrom<f64, Error = &'static str>>(numbers: Vec<f64>) -> Result<Vec<Q>, String> {
     numbers.into_iter().map(Q::try_from).collect::<Result<_, _>>().map_err(str::to_owned)
 }
 
-/// Returns the ends of the guideway, with the position signal. `None` for another kind of model.
+/// Returns the position signal of a matrix, with the two ends of the guideway in mm. `None` for another kind of model.
 fn places(kind: &Kind) -> Option<Places> {
     let Kind::Matrix(matrix) = kind else { return None };
     Some((matrix.position(), vec![matrix.ends().0.get(), matrix.ends().1.get()]))

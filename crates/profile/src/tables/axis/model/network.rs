@@ -163,11 +163,11 @@ fn resolve(raw: &RawModel, at: &KeyContext<'_>) -> Option<Kind> {
     taken(&at, name, Network::new(name, net, inputs)).map(Kind::Network)
 }
 
-/// Network of a file, and the names of its inputs if the file contains them.
+/// Network from a file, with the names of its inputs. The names are `None` if the file does not contain them.
 type Named = (Net, Option<Vec<String>>);
 
-/// Reads the network in the file `name`. If it is invalid, reports the reason. `inputs` is the number of inputs of the
-/// model.
+/// Reads the network in the file `name`. If it is invalid, reports the reason and returns `None`. `inputs` is the
+/// number of inputs that the model has.
 #[cfg(feature = "onnx")]
 fn net(raw: &RawModel, at: &KeyContext<'_>, name: &str, bytes: &[u8], inputs: usize) -> Option<Named> {
     use isotherm_core::compensation::model::network::Onnx;
@@ -190,8 +190,8 @@ fn net(_: &RawModel, at: &KeyContext<'_>, name: &str, bytes: &[u8], _: usize) ->
     taken(at, name, own_format(name, bytes))
 }
 
-/// Parses a network in the project's own format. The message about a file in the format of a training program, such as a
-/// pickle, says which files are read.
+/// Parses a network in the project's own format. If the file is in the format of a training program, such as a pickle,
+/// the error says which formats are supported.
 fn own_format(name: &str, bytes: &[u8]) -> Result<Named, String> {
     parse(bytes).map_err(|why| match has_extension(name, "json") {
         true => why,
@@ -201,7 +201,8 @@ fn own_format(name: &str, bytes: &[u8]) -> Result<Named, String> {
     })
 }
 
-/// Reads the files next to an ONNX file that contain numbers of its tensors. If one cannot be read, reports the reason.
+/// Reads the external files that an ONNX file names, because they contain a part of its numbers. If one of them cannot
+/// be read, reports the reason and returns `None`.
 #[cfg(feature = "onnx")]
 fn external(
     raw: &RawModel,
@@ -237,8 +238,8 @@ fn has_extension(name: &str, wanted: &str) -> bool {
     std::path::Path::new(name).extension().is_some_and(|extension| extension.eq_ignore_ascii_case(wanted))
 }
 
-/// Preview of the calculation, with the effect of each signal. Every signal is assumed in the middle of its range, and
-/// its rise from a captured reference is assumed as zero.
+/// Preview of the calculation, with the effect of each signal. Every signal is assumed to be in the middle of its
+/// range. A rise from a captured reference is assumed to be zero.
 fn preview(signals: &[Signal], kind: &Kind) -> Option<Computation> {
     let Kind::Network(network) = kind else { return None };
     let reads = network.reads();

@@ -1,4 +1,4 @@
-//! Model as written.
+//! Keys of a model, as the profile contains them.
 
 use std::collections::BTreeMap;
 
@@ -28,20 +28,22 @@ pub(crate) struct RawModel {
     /// Kind of calculation.
     #[schemars(required, schema_with = "kinds")]
     pub(super) kind: Option<String>,
-    /// linear: Cz if every rise is zero, µm. Default 0.
+    /// Only for kind = "linear": Cz in µm if every rise is zero. Default 0.
     pub(super) offset: Option<f64>,
-    /// linear: list of terms, each a gain times a temperature rise. Cz is their sum.
+    /// Only for kind = "linear": list of terms, each a gain times a temperature rise. Cz is their sum.
     pub(super) terms: Option<Vec<RawTerm>>,
-    /// formula: Cz in µm, for example "Kz * (A - (b*t + c))".
+    /// Only for kind = "formula": Cz in µm, for example "Kz * (A - (b*t + c))".
     pub(super) formula: Option<String>,
-    /// formula: signals by their names in the formula. matrix: one temperature signal for each block (part of the
-    /// machine). network: signals in the order of the network's inputs.
+    /// Signals of the model. For kind = "formula": by their names in the formula. For "matrix": one temperature signal
+    /// for each block (part of the machine). For "network": in the order of the network's inputs.
     pub(super) inputs: Option<Inputs>,
-    /// formula: constants by their names in the formula.
+    /// Only for kind = "formula": constants by their names in the formula.
     pub(super) constants: Option<BTreeMap<String, f64>>,
-    /// linear: second sum of terms, in µm/mm. It is multiplied by the distance from a reference position.
+    /// Only for kind = "linear": second sum of terms, in µm/mm. It is multiplied by the distance of the axis from a
+    /// reference position.
     pub(super) slope: Option<RawSlope>,
-    /// matrix, network: file with the coefficients. An ONNX file may have external data in its directory.
+    /// Only for kind = "matrix" or "network": file with the coefficients. An ONNX file may have external data in its
+    /// directory.
     pub(super) file: Option<String>,
     /// File with the range of temperatures on which the model was identified.
     pub(super) envelope: Option<String>,
@@ -50,8 +52,8 @@ pub(crate) struct RawModel {
     /// Action outside of the envelope. "agree" follows the model as far as its two halves agree (default). "warn" warns
     /// and follows the model. "hold" keeps Cz. "shrink" follows the model less with increasing distance.
     pub(super) outside: Option<OutsideWord>,
-    /// linear: file with the two halves of the model, which are sums of terms whose mean is the model. `isotherm
-    /// identify` writes the file. Without the file, "agree" acts as "warn".
+    /// Only for kind = "linear": file with the two halves of the model, which are sums of terms whose mean is the
+    /// model. `isotherm identify` writes the file. Without the file, "agree" acts as "warn".
     pub(super) halves: Option<String>,
     /// Expected error, from runs that the identification did not use. `isotherm identify` writes this key, and the web
     /// page shows the error next to Cz.
@@ -62,14 +64,16 @@ pub(crate) struct RawModel {
     /// SHA-256 of the model's files, by the key that names each file. A changed file is rejected. `isotherm identify`
     /// writes these keys.
     pub(super) sha256: Option<RawSeals>,
-    /// matrix: signal with the position of the axis, mm.
+    /// Only for kind = "matrix": signal with the position of the axis, mm.
     pub(super) position: Option<String>,
-    /// matrix, network: reference from which rises are measured: a number, "start" or "zero". Default for a network: 0.
+    /// Only for kind = "matrix" or "network": reference from which rises are measured: a number, "start" or "zero".
+    /// Default for a network: 0.
     pub(super) reference: Option<ReferenceValue>,
-    /// matrix: direction of the guideway's displacement that moves the axis in the positive direction.
+    /// Only for kind = "matrix": direction of the guideway's displacement that moves the axis in the positive
+    /// direction.
     pub(super) component: Option<Component>,
-    /// matrix: part that the guideway carries. A positive displacement of the tool is a positive error, one of the
-    /// workpiece a negative error.
+    /// Only for kind = "matrix": part that the guideway carries. A positive displacement of the tool is a positive
+    /// error, one of the workpiece a negative error.
     pub(super) carries: Option<Carries>,
 }
 

@@ -32,7 +32,8 @@ pub(super) struct RawSeals {
 }
 
 impl RawSeals {
-    /// Returns the keys of a model that name a file, each with the SHA-256 that the profile states.
+    /// Returns the keys of a model that can name a file. Each comes with the SHA-256 that the profile states, or
+    /// `None`.
     fn each(&self) -> [(&'static str, Option<&String>); 4] {
         [
             ("file", self.file.as_ref()),
@@ -42,8 +43,8 @@ impl RawSeals {
         ]
     }
 
-    /// Reports an invalid SHA-256, a SHA-256 without a file, and a file without SHA-256 if other files have one. `at`
-    /// is the context of the model.
+    /// Reports an invalid SHA-256, and a SHA-256 for which the model has no file. Warns about a file without a SHA-256
+    /// if other files have one. `at` is the context of the model.
     pub(super) fn check(&self, files: [&Option<String>; 4], at: &KeyContext<'_>) {
         let place = at.key("sha256");
         for ((key, seal), named) in self.each().into_iter().zip(files) {
@@ -69,13 +70,14 @@ impl RawSeals {
         }
     }
 
-    /// Returns whether the profile states the SHA-256 of the file that this key names.
+    /// Returns whether the profile states a SHA-256 for the file that this key names.
     #[cfg(feature = "onnx")]
     pub(super) fn states(&self, key: &str) -> bool {
         self.each().into_iter().any(|(own, seal)| own == key && seal.is_some())
     }
 
-    /// Returns whether the bytes have the stated SHA-256. If not, reports it at the key that names the file.
+    /// Returns whether the bytes of a file have the SHA-256 that the profile states. If not, reports an error at the
+    /// key that names the file. Without a stated SHA-256, returns `true`.
     pub(super) fn fits(&self, key: &str, at: &KeyContext<'_>, name: &str, bytes: &[u8]) -> bool {
         let seal = self.each().into_iter().find(|(own, _)| *own == key).and_then(|(_, seal)| seal);
         // An invalid seal has been reported.

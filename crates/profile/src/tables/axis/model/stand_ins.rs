@@ -137,14 +137,15 @@ fn place(name: &str, names: &[String]) -> Result<SignalId, String> {
     })
 }
 
-/// Returns a hash of a file, which only distinguishes files: FNV-1a of 64 bits, by Fowler, Noll and Vo.
+/// Returns a hash by which different files are distinguished (FNV-1a with 64 bits, by Fowler, Noll and Vo).
 fn fingerprint(bytes: &[u8]) -> u64 {
     bytes
         .iter()
         .fold(0xcbf2_9ce4_8422_2325, |hash, byte| (hash ^ u64::from(*byte)).wrapping_mul(0x0100_0000_01b3))
 }
 
-/// Describes which sensors are monitored for frozen readings, and which of them other sensors can replace.
+/// Describes which sensors are monitored for frozen readings, and which of them can be replaced by a calculation from
+/// other sensors.
 pub(super) fn preview(signals: &[Signal], stand_ins: &StandIns) -> String {
     let count = stand_ins.watched().count();
     let are = if count == 1 { "is" } else { "are" };

@@ -1,5 +1,5 @@
-//! Value of a model if the whole machine has one temperature. This value reveals a missing reference, a wrong offset or
-//! a wrong unit before the machine moves.
+//! Value of a model if the whole machine has the same temperature. This value shows a missing reference, a wrong offset
+//! or a wrong unit before the machine moves.
 
 use std::time::Duration;
 
@@ -16,30 +16,30 @@ use isotherm_core::reading::{Reading, SignalId};
 
 /// 0 °C in K.
 const FREEZING: f64 = 273.15;
-/// Time after which every lag has settled.
+/// Time after machine start at which every lag has settled.
 const SETTLED: Duration = Duration::from_hours(100 * 7 * 24);
 /// Temperatures in the preview, °C.
 const SHOWN: [f64; 3] = [15.0, 20.0, 25.0];
 
-/// Simulated machine that was switched on with one temperature everywhere, and whose readings have not changed since.
+/// Simulated machine with the same temperature everywhere. Its readings have not changed since machine start.
 pub(crate) struct UniformTemperature {
     celsius: f64,
     readings: Vec<Reading>,
     machine: Machine,
 }
 
-/// Value of a model on a machine with one temperature.
+/// Value of a model on a machine that has the same temperature everywhere.
 pub(crate) struct UniformValue {
-    /// Cz that the model requests, µm.
+    /// Cz that the model gives, µm.
     pub(crate) cz: f64,
-    /// Position signal, and the position at which the absolute value is largest. `None` if the value is the same
-    /// everywhere.
+    /// Position at which the absolute value of Cz is largest, in mm, with its signal. `None` if Cz is the same at all
+    /// positions.
     pub(crate) position: Option<(SignalId, f64)>,
 }
 
 impl UniformTemperature {
-    /// Creates a machine with these signals. Differences of temperatures and signals other than temperatures are 0. All
-    /// values are limited to the range of their signal.
+    /// Creates a machine with these signals, all at the temperature `celsius`. Temperature differences and all other
+    /// signals are 0. All values are limited to the range of their signal.
     pub(crate) fn at(celsius: f64, signals: &[Signal]) -> UniformTemperature {
         let reading = |signal: &Signal| {
             let value = match signal.unit.0 {
@@ -63,8 +63,8 @@ impl UniformTemperature {
         SHOWN.into_iter().map(|celsius| UniformTemperature::at(celsius, signals)).collect()
     }
 
-    /// Returns the model's value at the position where its absolute value is largest. `None` if the model has no value
-    /// at one of the positions.
+    /// Returns the value of a model, at the position where its absolute value is largest. `None` if the model has no
+    /// value at one of the positions.
     pub(crate) fn asked(&mut self, model: &Model) -> Option<UniformValue> {
         let places = KINDS.into_iter().find_map(|kind| (kind.places)(&model.kind));
         let Some((signal, mut places)) = places else {
@@ -104,7 +104,8 @@ impl UniformTemperature {
         model.outputs(&inputs).ok().map(|outputs| outputs.cz.get())
     }
 
-    /// Returns whether the model's value depends on the time of machine start.
+    /// Returns whether the value of a model depends on machine start, through a reference or through the time since
+    /// then.
     pub(crate) fn counts_from_start(&self, model: &Model) -> bool {
         let snapshot = Snapshot::new(Moment::default(), &self.readings);
         let machine = &Machine::default();
@@ -114,7 +115,8 @@ impl UniformTemperature {
     }
 }
 
-/// Adds the values to the preview as text, `everything at 15, 20, 25 °C: Cz = −12, 0, +12 µm`, and as JSON.
+/// Adds the values of a model to the preview. The text is `everything at 15, 20, 25 °C: Cz = −12, 0, +12 µm`. The JSON
+/// has the same values.
 pub(super) fn preview(
     section: &mut Section,
     signals: &[Signal],
