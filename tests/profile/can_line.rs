@@ -15,7 +15,7 @@ fn one_number_names_one_node_and_one_identifier_one_sender() {
         "node = 127",
         "node = 5",
         "device.encoder.node",
-        &["node 5 of this line already", &there("node      = 5")],
+        &["already has the node number 5", &there("node      = 5")],
     );
     let sync = "every = \"100ms\", cob_id = 0x285 }";
     wrong("every = \"100ms\" }", sync, "bus.field.sync.cob_id", &["0x285 is TPDO2 of node 5", "0x80"]);
@@ -47,7 +47,7 @@ fn one_number_names_one_node_and_one_identifier_one_sender() {
         "[bus.cell]",
         "[bus.other]\ntype = \"can\"\ninterface = \"vcan0\"\n\n[bus.cell]",
         "bus.other.interface",
-        &["has this interface already"],
+        &["already has this interface"],
     );
 }
 
@@ -66,7 +66,7 @@ fn an_offset_over_can_is_read_back_and_a_display_need_not_be() {
     let Verify::ReadBackAt(object) = loaded.profile.outputs[1].verify else { panic!("read back") };
     assert_eq!((object.to_string().as_str(), object.data_type.name()), ("2000:01", "i32"));
     let reported = "verify   = \"echo\"\nwrites   = \"corrected\"\nposition = \"scale_x\"";
-    wrong(display, reported, "output.shown_x.verify", &["a frame has no answer"]);
+    wrong(display, reported, "output.shown_x.verify", &["no device answers a CAN frame"]);
     let by_object = changed(
         "pdo      = { cob_id = 0x20C, start = 0, length = 32, signed = true, fill = \"00 00 00 00 00 00 01 00\" }",
         "sdo      = \"2000:01\"\ntype     = \"i32\"",

@@ -277,7 +277,7 @@ fn a_trusted_proxy_is_an_address_or_a_network_and_needs_a_token() {
         named[1].contains("10.0.0.9".parse().unwrap()) && !named[1].contains("10.0.1.9".parse().unwrap())
     );
     for (name, hint) in [
-        ("proxy.plant.example", "a name is not possible"),
+        ("proxy.plant.example", "a host name is not allowed"),
         ("10.0.0.0/33", "at most 32"),
         ("::/0", "every address"),
     ] {
@@ -429,7 +429,7 @@ fn what_a_control_applies_is_read_elsewhere_and_of_a_whole_offset_alone() {
     assert!(reported(&with("{ tolerance = 0.2 }")).contains("`register` is missing"));
     assert!(
         reported(&with(table).replacen("share = \"whole\"", "share = \"ledger\"", 1))
-            .contains("the gateway share cannot be read in it")
+            .contains("the gateway share cannot be read from it")
     );
     assert!(reported(&with("{ register = \"input:112\", tolerance = -1.0 }")).contains("more than zero"));
 }

@@ -50,7 +50,7 @@ fn what_a_counter_cannot_be_is_refused_with_what_it_can() {
         "type = \"f32\"\nword_order = \"lsw-first\"\ncounter = { max_speed = 500 }",
         "signal.scale_z.counter",
         "counter",
-        &["f32 is no counter", "u16, i16, u24, i24, u32, i32"],
+        &["type f32 cannot be a counter", "u16, i16, u24, i24, u32, i32"],
     );
     let (from, to) = counting("{ max_speed = 500 }\nmax_rate = 500");
     refused(&from, &to, "signal.scale_z.counter", "counter", &["max_rate"]);

@@ -422,7 +422,7 @@ fn halves_of_another_model_are_refused_with_the_term() {
         (
             ", { \"signal\": \"wheelhead\", \"lag_s\": 0, \"ridge\": 1, \"net\": 1 }",
             "",
-            "they have 1 terms, but the model has 2",
+            "it has 1 terms, but the model has 2",
         ),
         ("\"version\": 1", "\"version\": 2", "this program reads version 1"),
         ("isotherm-halves", "isotherm-envelope", "\"isotherm-halves\" is required"),
@@ -503,7 +503,7 @@ fn what_says_of_others_what_they_read_is_used_and_is_a_temperature() {
             .contains("only recorded (no model, condition, output or machine state uses them): wheelhead")
     );
     let doubts = |loaded: &Loaded| {
-        loaded.warnings.iter().filter(|warning| warning.message.contains("no temperature")).count()
+        loaded.warnings.iter().filter(|warning| warning.message.contains("not a temperature")).count()
     };
     assert_eq!(doubts(&loaded), 0);
     let position = STAND_INS.replace("\"wheelhead\", \"threshold\"", "\"scale_z\", \"threshold\"");

@@ -67,9 +67,9 @@ fn what_no_late_write_can_be_is_refused_with_what_to_write() {
             vec!["10m 1s is longer than 10m", "write 10m or less", "remove `late` (default 30s)"],
         ),
         (TCP, "\"1day\"", vec!["1 day is longer than 10m"]),
-        (TCP, "\"30\"", vec!["is no duration"]),
+        (TCP, "\"30\"", vec!["is not a duration"]),
         (TCP, "30", vec!["a duration in quotes"]),
-        (PORT, "\"soon\"", vec!["is no duration"]),
+        (PORT, "\"soon\"", vec!["is not a duration"]),
     ];
     for (line, late, words) in cases {
         let error = only_error(&on(line, &format!("{TIMEOUT}\nlate = {late}")), "bus.cell.late", late);

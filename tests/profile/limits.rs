@@ -116,6 +116,6 @@ fn a_wrong_word_and_a_difference_of_something_else_are_mistakes() {
     refused("unit = \"degC\"\nrange = \"off\"", "signal.bed.range", "\"off\"", &["none"]);
     refused("unit = \"degC\"\nmax_rate = \"off\"", "signal.bed.max_rate", "\"off\"", &["none"]);
     refused("unit = \"degC\"\nmax_rate = -1.0", "signal.bed.max_rate", "-1.0", &["above zero"]);
-    let words = ["no difference of temperatures", "remove `difference`"];
+    let words = ["not a difference of temperatures", "remove `difference`"];
     refused("unit = \"bar\"\ndifference = true", "signal.bed.difference", "true", &words);
 }

@@ -51,16 +51,28 @@ fn nothing_is_coerced() {
     refused("unit = 3", "unit = true", "device.readout.unit", "true", &["a whole number", "found true"]);
     refused("unit = 3", "unit = 300", "device.readout.unit", "300", &["0 to 255"]);
     refused("timeout = \"300ms\"", "timeout = 300", "bus.cell.timeout", "300", &["a duration in quotes"]);
-    refused("timeout = \"300ms\"", "timeout = \"300\"", "bus.cell.timeout", "\"300\"", &["is no duration"]);
+    refused(
+        "timeout = \"300ms\"",
+        "timeout = \"300\"",
+        "bus.cell.timeout",
+        "\"300\"",
+        &["is not a duration"],
+    );
     refused("gain = 2.4", "gain = true", "axis.z.model[0].terms[0].gain", "true", &["expected a number"]);
     refused("range = [-10.0, 80.0]", "range = [-10.0]", "signal.wheelhead.range", "[-10.0]", &["2 values"]);
 }
 
 #[test]
 fn a_wrong_duration_is_reported_wherever_it_stands() {
-    refused("every = \"10s\"", "every = \"10\"", "axis.z.every", "\"10\"", &["is no duration"]);
+    refused("every = \"10s\"", "every = \"10\"", "axis.z.every", "\"10\"", &["is not a duration"]);
     refused("every = \"500ms\"", "every = 500", "heartbeat.every", "500", &["a duration in quotes"]);
-    refused("after = \"60s\"", "after = \"soon\"", "axis.z.on_fault.after", "\"soon\"", &["is no duration"]);
+    refused(
+        "after = \"60s\"",
+        "after = \"soon\"",
+        "axis.z.on_fault.after",
+        "\"soon\"",
+        &["is not a duration"],
+    );
 }
 
 #[test]

@@ -163,7 +163,7 @@ fn a_body_of_several_lines_is_accepted_and_shown() {
 #[test]
 fn a_body_that_cannot_be_filled_is_rejected_with_a_hint() {
     for (body, words, help) in [
-        ("'{machine}: {text}'", "this is no JSON", "inside quotation marks"),
+        ("'{machine}: {text}'", "this is not JSON", "inside quotation marks"),
         ("'{\"text\": \"{mashine}\"}'", "a message has no field `mashine`", "did you mean `machine`?"),
         ("'{\"{text}\": 1}'", "the key `{text}` has the place `{text}`", "only texts can have places"),
     ] {

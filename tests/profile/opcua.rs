@@ -172,8 +172,8 @@ fn what_is_wrong_with_a_server_is_told_at_its_key() {
 #[test]
 fn the_words_of_opc_ua_and_of_other_programs_are_answered_with_those_of_a_profile() {
     no_server("\"opcua\"", "\"opc-ua\"", "bus.control.type", "\"opc-ua", &["did you mean `opcua`"]);
-    no_server("\"f64\"", "\"Double\"", "output.k0.type", "\"Double", &["which is OPC UA's Double"]);
-    no_server("\"i32\"", "\"Int32\"", "signal.scale_z.type", "\"Int32", &["which is OPC UA's Int32"]);
+    no_server("\"f64\"", "\"Double\"", "output.k0.type", "\"Double", &["for the OPC UA type Double"]);
+    no_server("\"i32\"", "\"Int32\"", "signal.scale_z.type", "\"Int32", &["for the OPC UA type Int32"]);
     no_server(
         "\"none\"",
         "\"Basic256Sha256\"",
@@ -366,7 +366,7 @@ fn what_is_wrong_with_the_words_of_a_set_in_nodes_is_told_at_their_keys() {
     let at_type = "set.line.heartbeat.type";
     let small = beat.replace("i16", "u8");
     no_set(beat, &small, at_type, "\"u8\"", &["u8 cannot contain 32767"]);
-    no_set(beat, &beat.replace("i16", "f64"), at_type, "\"f64\"", &["no integer type"]);
+    no_set(beat, &beat.replace("i16", "f64"), at_type, "\"f64\"", &["not an integer type"]);
     no_set(
         "type = \"u32\", value = 17",
         "type = \"u8\", value = 4711",

@@ -73,8 +73,8 @@ fn a_check_compares_a_part_of_a_register() {
 fn what_is_no_part_of_a_register_is_refused_with_what_is() {
     for (register, more, key, at, words) in [
         ("input:0.4-16", "", "register", "\"input:0.4-16\"", ["bit 16 is beyond the 16 bits", "\"u32\""]),
-        ("input:0.7-4", "", "register", "\"input:0.7-4\"", ["does not precede", "input:50.4-7"]),
-        ("input:0.4-x", "", "register", "\"input:0.4-x\"", ["no bits of a register", "input:50.4-7"]),
+        ("input:0.7-4", "", "register", "\"input:0.7-4\"", ["bit 7 is not below bit 4", "input:50.4-7"]),
+        ("input:0.4-x", "", "register", "\"input:0.4-x\"", ["not bits of a register", "input:50.4-7"]),
         ("coil:0.4-7", "", "register", "\"coil:0.4-7\"", ["one bit already", "input:50.4-7"]),
         ("input:0.4-7", "type = \"f32\"\n", "type", "\"f32\"", ["f32 is not possible", "u16, i16"]),
         ("input:0.4-7", "type = \"u24\"\n", "type", "\"u24\"", ["u24 is not possible", "u16, i16"]),

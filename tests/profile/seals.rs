@@ -58,7 +58,7 @@ fn a_network_is_sealed_as_the_others_are() {
         &keys(&sha256(b"another")),
         files,
         ".file",
-        &["n.json: the file was changed, or is of another model"],
+        &["n.json: the file was changed, or belongs to another model"],
     );
 }
 

@@ -109,7 +109,7 @@ fn a_line_is_a_port_or_a_serial_server() {
         "gauges]",
         &["or, for a serial server"],
     );
-    no_text("baud = 9600\n", "", "bus.gauges.baud", "gauges]", &["how fast"]);
+    no_text("baud = 9600\n", "", "bus.gauges.baud", "gauges]", &["what is the baud rate"]);
     no_text("data_bits = 7", "data_bits = 6", "bus.gauges.data_bits", "6", &["7", "8"]);
     no_text("data_bits = 7", "late = \"5s\"", "bus.gauges.late", "late", &["with writes"]);
     let error = only_error(&with_data_bits(), "bus.cell.data_bits", "data_bits");
@@ -140,7 +140,7 @@ fn a_wrong_text_is_reported_at_its_key() {
         "",
         "signal.bed.request",
         "\"#{unit}",
-        &["the address of `module`, which states none"],
+        &["the address of `module`, but this device has no `unit`"],
     );
     no_text("unit = 0x1a", "unit = 1\nquirks = {}", "device.module.quirks", "quirks", &["sends text"]);
 }

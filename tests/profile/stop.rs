@@ -47,7 +47,8 @@ fn a_profile_of_another_version_is_refused_with_what_to_do() {
     assert!(parse(&of("1")).is_ok());
     let error = only_error(&of("2"), "machine.version", "2").to_string();
     assert!(
-        error.contains("this isotherm supports version 1") && error.contains("install the isotherm version"),
+        error.contains("this isotherm supports only version 1")
+            && error.contains("install the isotherm version"),
         "{error}"
     );
     only_error(&of("\"1\""), "machine.version", "\"1\"");

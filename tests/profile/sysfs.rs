@@ -107,7 +107,13 @@ fn what_is_wrong_with_a_sensor_is_told_at_its_key() {
     );
     no_pc("every = \"5s\"", "every = \"5s\"\nunit = 1", "device.probes.unit", "unit", &["a Modbus device"]);
     no_pc("\"sysfs\"", "\"sysfs\"\nlate = \"5s\"", "bus.pc.late", "late", &["with writes"]);
-    no_pc("\"sysfs\"", "\"sysfs\"\naddress = \"sys\"", "bus.pc.address", "\"sys\"", &["no absolute path"]);
+    no_pc(
+        "\"sysfs\"",
+        "\"sysfs\"\naddress = \"sys\"",
+        "bus.pc.address",
+        "\"sys\"",
+        &["not the absolute path"],
+    );
     no_pc(
         "\"sysfs\"",
         "\"sysfs\"\naddress = \"/sys/class/hwmon\"",

@@ -238,12 +238,12 @@ fn a_control_that_follows_only_so_fast_bounds_step_and_period_of_its_axis() {
         found.iter().map(|error| (error.key.as_str(), error.message.as_str())).collect();
     assert_eq!(
         reported[0],
-        ("axis.z.step", "a step of 2 µm is larger than `cnc` can follow at once, 1 µm"),
+        ("axis.z.step", "a step of 2 µm is larger than the step that `cnc` can follow, 1 µm"),
         "{reported:?}"
     );
     assert_eq!(
         reported[1],
-        ("axis.z.every", "`cnc` can follow one update in 1s, but the axis makes one in 800ms"),
+        ("axis.z.every", "`cnc` can follow one update every 1s, but the axis makes one every 800ms"),
         "{reported:?}"
     );
 }

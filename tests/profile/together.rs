@@ -93,7 +93,7 @@ fn what_cannot_be_exchanged_is_refused() {
     let text = GRINDER.replacen(readout, &format!("{readout}\n{HANDSHAKE}"), 1);
     let found = errors(parse(&text));
     assert_eq!(found[0].key, "output.readout_z.handshake", "{}", found[0]);
-    assert!(found[0].message.contains("at each reading of the scale"), "{}", found[0]);
+    assert!(found[0].message.contains("each time the position is read"), "{}", found[0]);
     let ledger = errors(parse(&shaken().replacen("\"whole\"", "\"ledger\"", 1)));
     assert!(
         ledger.iter().any(|error| error.message.contains("and handshake exclude each other")),
@@ -160,7 +160,7 @@ fn a_boot_counter_is_one_register_that_can_be_read() {
         &two,
         "output.plc_z.restart.boot_counter",
         "\"holding:97",
-        &["`plc` has its boot counter at holding:98"],
+        &["`plc` already has its boot counter at holding:98"],
     );
     let corrected = "position = \"scale_z\"";
     let text = GRINDER.replacen(
@@ -172,7 +172,7 @@ fn a_boot_counter_is_one_register_that_can_be_read() {
         &text,
         "output.readout_z.restart.boot_counter",
         "boot_counter",
-        &["at each reading of the position"],
+        &["each time the position is read"],
     );
 }
 

@@ -114,7 +114,7 @@ impl DbcFile {
             let why = why.to_string();
             let at = place(&why);
             let line = at.and_then(|(line, _)| shown(&text, line));
-            Wrong { at, ..Wrong::about("this is no entry of a DBC file", expected(&why, line)) }
+            Wrong { at, ..Wrong::about("this line is not a valid entry of a DBC file", expected(&why, line)) }
         };
         let dbc = beyond(|| Dbc::try_from(text.as_str())).map_err(panicked)?.map_err(unreadable)?;
         Ok(DbcFile { dbc, text })
@@ -186,8 +186,12 @@ impl DbcFile {
         };
         match (is_group, id.is_extended()) {
             (false, _) => Ok(CanMatch::exactly(id)),
-            (true, true) => CanMatch::parameter_group(id.raw(), source)
-                .ok_or_else(|| Wrong::about(format!("{id} is no parameter group"), "correct the DBC file")),
+            (true, true) => CanMatch::parameter_group(id.raw(), source).ok_or_else(|| {
+                Wrong::about(
+                    format!("{id} is not the identifier of a J1939 parameter group"),
+                    "correct the DBC file",
+                )
+            }),
             (true, false) => {
                 let message = format!(
                     "message `{}` has an identifier of 11 bits, but a J1939 parameter group has 29",
@@ -290,7 +294,10 @@ impl DbcFile {
             (None, MultiplexIndicator::Multiplexor | MultiplexIndicator::Plain) => return Ok(Vec::new()),
         };
         let (Some(multiplexer), Some(deep)) = (multiplexer, deep.checked_sub(1)) else {
-            let what = format!("no multiplexer in the message says when a frame contains `{}`", signal.name);
+            let what = format!(
+                "signal `{}` is multiplexed, but its message has no valid multiplexer for it",
+                signal.name
+            );
             return Err(self.at(&format!("SG_ {} ", signal.name), Some(&message.name.as_str()), what));
         };
         let mut selectors = self.selectors(message, multiplexer, deep)?;
@@ -356,7 +363,7 @@ fn place(why: &str) -> Option<(usize, usize)> {
 fn expected(why: &str, line: Option<&str>) -> String {
     let wanted = why.split_once("= expected ").map(|(_, wanted)| wanted.trim());
     if line.is_some_and(|line| line.trim_start().starts_with("SG_")) {
-        return "a signal is written as ` SG_ Signal : 0|16@1- (0.1,0) [0|0] \"degC\" Node`, with decimal points"
+        return "write a signal as ` SG_ Signal : 0|16@1- (0.1,0) [0|0] \"degC\" Node`, with decimal points"
             .to_owned();
     }
     match wanted {

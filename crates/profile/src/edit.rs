@@ -50,7 +50,7 @@ pub fn put_model(text: &str, axis: &str, block: &str) -> Result<ModelEdit, Strin
     let own = sections.iter().find(|section| section.path == ["axis", axis]);
     let place = removed.first().map(|range| range.start);
     let place = place.or(own.map(|section| section.lines.end));
-    let place = place.ok_or_else(|| format!("there is no line [axis.{axis}]"))?;
+    let place = place.ok_or_else(|| format!("the profile has no line [axis.{axis}]"))?;
     let is_kept = |at: &usize| !removed.iter().any(|range| range.contains(at));
     let part = |range: Range<usize>| range.filter(is_kept).map(|at| lines[at]).collect::<String>();
     let ending = if text.contains("\r\n") { "\r\n" } else { "\n" };
@@ -67,7 +67,9 @@ pub fn put_model(text: &str, axis: &str, block: &str) -> Result<ModelEdit, Strin
     let is_as_meant =
         models(&edited).is_ok_and(|(rest_now, now)| rest_now == rest && now.as_ref() == Some(&new));
     if !is_as_meant {
-        return Err(format!("its tables of axis {axis} are written in an unusual way"));
+        return Err(format!(
+            "its tables of axis {axis} are written in a form that cannot be edited automatically"
+        ));
     }
     let replaced = before.as_ref().and_then(Value::as_array).map_or(0, Vec::len);
     Ok(ModelEdit { text: edited, line, replaced })
@@ -87,7 +89,7 @@ pub fn put_machine_on(text: &str, signal: &str) -> Result<String, String> {
     let lines: Vec<&str> = text.split_inclusive('\n').collect();
     let sections = sections(&lines)?;
     let header = sections.iter().find(|section| section.path == ["machine"]).map(|section| section.header);
-    let header = header.ok_or_else(|| "there is no line [machine]".to_owned())?;
+    let header = header.ok_or_else(|| "the profile has no line [machine]".to_owned())?;
     let ending = if text.contains("\r\n") { "\r\n" } else { "\n" };
     let key = format!("on     = {}{ending}", Value::from(signal));
     let above = lines[..=header].concat();
@@ -95,12 +97,12 @@ pub fn put_machine_on(text: &str, signal: &str) -> Result<String, String> {
     let edited = format!("{above}{gap}{key}{}", lines[header + 1..].concat());
     match parsed(&edited)? == expected {
         true => Ok(edited),
-        false => Err("[machine] is written in an unusual way".to_owned()),
+        false => Err("[machine] is written in a form that cannot be edited automatically".to_owned()),
     }
 }
 
 fn parsed(text: &str) -> Result<Table, String> {
-    text.parse::<Table>().map_err(|why| format!("it is no valid TOML: {}", why.message()))
+    text.parse::<Table>().map_err(|why| format!("it is not valid TOML: {}", why.message()))
 }
 
 /// Returns the position of every table of a profile, in the order of the lines.

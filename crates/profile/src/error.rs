@@ -192,7 +192,7 @@ impl fmt::Display for Errors {
         if of_layers().count() > 1 && !keys.is_empty() {
             writeln!(
                 f,
-                "to allow all of these, write into the profile below [machine]:\n  {}",
+                "to allow all of these settings, write below [machine] in the profile:\n  {}",
                 allowing_line(keys)
             )?;
         }

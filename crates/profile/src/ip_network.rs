@@ -18,7 +18,7 @@ impl IpNetwork {
     /// The text is no network. The error is a hint.
     pub fn parse(text: &str) -> Result<IpNetwork, &'static str> {
         const FORM: &str =
-            "write an address, as \"10.0.0.7\", or a network, as \"10.0.0.0/24\"; a name is not possible";
+            "write an address, as \"10.0.0.7\", or a network, as \"10.0.0.0/24\"; a host name is not allowed";
         let (address, prefix) = match text.split_once('/') {
             Some((address, prefix)) => (address, Some(prefix)),
             None => (text, None),
@@ -90,7 +90,7 @@ mod tests {
     fn a_text_that_is_no_network_has_a_hint() {
         for (text, hint) in [
             ("", "write an address"),
-            ("proxy.plant.example", "a name is not possible"),
+            ("proxy.plant.example", "a host name is not allowed"),
             ("10.0.0.0/", "write an address"),
             ("10.0.0.0/+8", "write an address"),
             ("10.0.0.0/999999999999", "write an address"),

@@ -296,7 +296,8 @@ impl<'c> KeyContext<'c> {
         let span = self.duration(raw)?;
         if span < SHORTEST_PERIOD {
             let (short, shortest) = (shown(span), shown(SHORTEST_PERIOD));
-            let message = format!("every {short} is too often: {shortest} is the shortest period");
+            let message =
+                format!("a period of {short} is too short: the shortest allowed period is {shortest}");
             return self.reject(message, "no device answers this fast; write \"10ms\" or longer");
         }
         Some(span)

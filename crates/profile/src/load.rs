@@ -268,7 +268,7 @@ fn unreadable(name: &str, why: &std::io::Error) -> ProfileError {
     let help = match why.kind() {
         ErrorKind::InvalidData => "a profile is a TOML file in UTF-8",
         ErrorKind::FileTooLarge => "is it a profile?",
-        _ => "is it a file, and does this user have permission to read it?",
+        _ => "check that it is a file, and that this user has permission to read it",
     };
     ProfileError::about(
         name,
@@ -551,8 +551,8 @@ fn find<'a>(
             })?;
             ((*name).to_owned(), free)
         } else {
-            let remedy = "a list is replaced as a whole: give all of it, as [1.0, 2.0], or put it into the \
-                          .local.toml";
+            let remedy = "a list is replaced as a whole: write the whole list, as [1.0, 2.0], or put it \
+                          into the .local.toml file";
             return Err((format!("`{}` has no keys of its own", keys.join(".")), remedy.to_owned()));
         };
         here = here.and_then(|here| here.get(&key));

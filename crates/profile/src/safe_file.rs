@@ -178,7 +178,7 @@ fn regular(metadata: &Metadata) -> io::Result<()> {
         return Ok(());
     }
     let text = format!(
-        "this is {}, no regular file: name a regular file, or put one at this path",
+        "this is {}, not a regular file: name a regular file, or put one at this path",
         what(metadata.file_type())
     );
     Err(io::Error::new(ErrorKind::InvalidInput, text))
@@ -211,7 +211,7 @@ mod tests {
             let why = read(&path, 1).unwrap_err().to_string();
             assert_eq!(
                 why,
-                format!("this is {what}, no regular file: name a regular file, or put one at this path")
+                format!("this is {what}, not a regular file: name a regular file, or put one at this path")
             );
         }
     }

@@ -53,7 +53,7 @@ impl SchemaCheck<'_> {
     /// valid.
     pub(crate) fn parsed<'t>(&mut self, text: &'t str) -> (DeTable<'t>, bool) {
         if let Some((at, _)) = text.match_indices(',').nth(MOST_COMMAS) {
-            let help = format!("a list may have {MOST_ITEMS} entries");
+            let help = format!("a list may have at most {MOST_ITEMS} entries");
             self.error(at, "", format!("the file has more than {MOST_COMMAS} commas"), Some(help));
             return (DeTable::new(), false);
         }
@@ -296,7 +296,7 @@ fn wrong_text(schema: &Value, is_duration: bool, text: &str, beside: Scaling) ->
     }
     let why = humantime::parse_duration(text).err().filter(|_| is_duration)?;
     let help = "write a number with its unit, as \"300ms\", \"10s\", \"3min\", \"2h\" or \"90d\"";
-    Some((format!("`{text}` is no duration: {why}"), help.to_owned()))
+    Some((format!("`{text}` is not a duration: {why}"), help.to_owned()))
 }
 
 /// Suggests the word of the profile for a name that OPC UA uses, such as `Float` or `Basic256Sha256`. `None` for any
@@ -319,7 +319,7 @@ fn meant(text: &str, words: &[&str]) -> Option<String> {
         ["Basic128Rsa15", "Basic256", "Basic256Sha256", "Aes128_Sha256_RsaOaep", "Aes256_Sha256_RsaPss"];
     let known = |word: &&str| words.contains(word);
     if let Some((theirs, ours)) = TYPES.into_iter().find(|(theirs, _)| theirs.eq_ignore_ascii_case(text)) {
-        return Some(ours).filter(known).map(|ours| format!("write \"{ours}\", which is OPC UA's {theirs}"));
+        return Some(ours).filter(known).map(|ours| format!("write \"{ours}\" for the OPC UA type {theirs}"));
     }
     let name = text.rsplit('#').next().unwrap_or(text);
     let is_policy = POLICIES.iter().any(|policy| policy.eq_ignore_ascii_case(name));

@@ -22,8 +22,9 @@ impl Size {
 impl<'de> Deserialize<'de> for Size {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Size, D::Error> {
         let text = String::deserialize(deserializer)?;
-        let wrong =
-            || serde::de::Error::custom(format!("`{text}` is no size; write one as \"500MB\" or \"2GB\""));
+        let wrong = || {
+            serde::de::Error::custom(format!("`{text}` is not a size; write a size as \"500MB\" or \"2GB\""))
+        };
         Size::parse(&text).map(Size).ok_or_else(wrong)
     }
 }

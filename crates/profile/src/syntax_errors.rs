@@ -101,13 +101,14 @@ struct Foreign {
 const QUOTATION_MARKS: [char; 10] = ['“', '”', '„', '‟', '‘', '’', '‚', '«', '»', '＂'];
 const QUOTED: Foreign = Foreign {
     message: "these are typographic quotation marks",
-    help: "write straight ones, as \"press-7\"; a word processor or a chat has replaced them",
+    help: "write straight quotation marks, as \"press-7\"; a word processor or a chat program has replaced \
+           them",
 };
 /// Characters that look like the minus sign of a number. The output of this program uses the first one.
 const MINUS_SIGNS: [char; 6] = ['−', '–', '—', '‐', '‑', '﹣'];
 const NO_MINUS: Foreign = Foreign {
-    message: "this is a dash or a minus sign of a text, not the one of a number",
-    help: "write the hyphen of the keyboard, as -4.0",
+    message: "this is a dash or a typographic minus sign, not the minus sign of a number",
+    help: "type the minus sign of the keyboard, as -4.0",
 };
 /// Special blanks and invisible characters that word processors and web pages insert.
 const BLANKS: [char; 6] = ['\u{a0}', '\u{2007}', '\u{2009}', '\u{200b}', '\u{202f}', '\u{2060}'];
@@ -116,15 +117,16 @@ const NO_BLANK: Foreign = Foreign {
     help: "delete it, and type a blank",
 };
 const SEMICOLON: Foreign =
-    Foreign { message: "a line does not contain `;`", help: "leave it out; a comment begins with `#`" };
-const SLASHES: Foreign = Foreign { message: "`//` begins no comment", help: "a comment begins with `#`" };
+    Foreign { message: "`;` is not allowed here", help: "remove this character; a comment begins with `#`" };
+const SLASHES: Foreign =
+    Foreign { message: "`//` does not begin a comment", help: "a comment begins with `#`" };
 const TOO_WIDE: Foreign = Foreign {
     message: "this is a full-width character",
     help: "switch the keyboard to English, and write digits, = [ ] { } , # and blanks in their usual width",
 };
 const OTHER_SCRIPT: Foreign = Foreign {
     message: "a name may only have the letters a to z, digits, `_` and `-`",
-    help: "write a short name in these letters, and the other one as its label: label = \"床温\"",
+    help: "write a short name in these letters, and the name in your script as its label: label = \"床温\"",
 };
 
 /// Returns whether an error is about a number with a unit or other text after it. `rest` is the text from the error on.
@@ -225,14 +227,17 @@ mod tests {
             ("a = { b = “x” }\n", "typographic quotation marks"),
             ("limit = ５\n", "full-width character"),
             ("ｌｉｍｉｔ = 5\n", "full-width character"),
-            ("gain = −4.0\n", "not the one of a number"),
-            ("terms = [ { signal = \"a−b\", gain = –4.0, reference = 20.0 } ]\n", "not the one of a number"),
+            ("gain = −4.0\n", "not the minus sign of a number"),
+            (
+                "terms = [ { signal = \"a−b\", gain = –4.0, reference = 20.0 } ]\n",
+                "not the minus sign of a number",
+            ),
             ("gain = －4.0\n", "full-width character"),
             ("\u{a0}limit = 5.0\n", "invisible character"),
             ("limit =\u{a0}5.0\n", "invisible character"),
-            ("limit = 5.0;\n", "does not contain `;`"),
-            ("limit = 5.0 ; µm\n", "does not contain `;`"),
-            ("limit = 5.0 // µm\n", "`//` begins no comment"),
+            ("limit = 5.0;\n", "`;` is not allowed here"),
+            ("limit = 5.0 ; µm\n", "`;` is not allowed here"),
+            ("limit = 5.0 // µm\n", "`//` does not begin a comment"),
         ] {
             let found = lines(text);
             assert!(found.len() == 1 && found[0].0 == 1, "{text}: {found:?}");

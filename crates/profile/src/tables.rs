@@ -208,7 +208,7 @@ impl Check<'_> {
             }
         }
         for clash in clashes(&self.signals.names, &self.axes.names) {
-            let mut why = "two columns of one name make a log unreadable";
+            let mut why = "a log with two columns of the same name cannot be read";
             let (kind, name, message) = match clash {
                 Clash::OfMachine { signal } => {
                     let message = format!("`{signal}` is a column of every log");
@@ -219,7 +219,7 @@ impl Check<'_> {
                     ("signal", signal, message)
                 }
                 Clash::OfDates { signal } => {
-                    why = "its values would be lost when the log is read";
+                    why = "programs would read its values as dates";
                     let message = format!("`{signal}` is the name of a column with dates in a log");
                     ("signal", signal, message)
                 }

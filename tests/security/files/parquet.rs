@@ -57,5 +57,6 @@ fn a_parquet_file_cut_short_or_of_something_else_is_refused() {
         isotherm(&["report"], &path).is_refused(size(&path), &[name, "this is no Parquet file"]);
     }
     let path = home.write("text.parquet", b"time,bed\n0,20\n");
-    isotherm(&["report"], &path).is_refused(size(&path), &["text.parquet", "let its name end with .csv"]);
+    isotherm(&["report"], &path)
+        .is_refused(size(&path), &["text.parquet", "rename it to a name that ends with .csv"]);
 }

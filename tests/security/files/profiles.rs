@@ -117,7 +117,7 @@ fn a_period_below_a_millisecond_is_refused_where_it_stands() {
     ] {
         let path = home.write(name, text);
         isotherm(&["check"], &path)
-            .is_refused(size(&path), &[name, "is too often: 1ms is the shortest period"]);
+            .is_refused(size(&path), &[name, "is too short: the shortest allowed period is 1ms"]);
     }
     let path = home.write("shortest.toml", good.replace("unit = 1\n", "unit = 1\nevery = \"1ms\"\n"));
     assert_eq!(isotherm(&["check"], &path).is_within(size(&path)).code, 0);

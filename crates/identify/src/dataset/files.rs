@@ -200,8 +200,8 @@ mod tests {
     fn files_that_are_no_logs_are_named_with_the_remedy() {
         for (name, text, why) in [
             ("old.xls", "x", "save the sheet with the log as .xlsx or as CSV"),
-            ("old.XLS", LOG, "this is a log as text: let its name end with .csv"),
-            ("day.dat", "PAR1", "let its name end with .parquet"),
+            ("old.XLS", LOG, "this is a log as text: rename it to a name that ends with .csv"),
+            ("day.dat", "PAR1", "rename it to a name that ends with .parquet"),
             ("old.ods", "x", "save the sheet"),
             ("week.zip", "x", "extract the logs"),
             ("can.mf4", "x", "export it as CSV or Parquet"),

@@ -96,17 +96,20 @@ impl FileKind {
     pub(super) fn of_another_ending(self, ending: &str) -> Option<&'static str> {
         let is_one_of = |known: &[&str]| known.iter().any(|known| ending.eq_ignore_ascii_case(known));
         let (known, message): (&[&str], &'static str) = match self {
-            FileKind::Parquet => (&["parquet"], "this is a Parquet file: let its name end with .parquet"),
-            FileKind::Compressed => {
-                (&["gz"], "this is a file compressed by gzip: let the name of a CSV log end with .csv.gz")
+            FileKind::Parquet => {
+                (&["parquet"], "this is a Parquet file: rename it to a name that ends with .parquet")
             }
+            FileKind::Compressed => (
+                &["gz"],
+                "this is a file compressed by gzip: rename a CSV log to a name that ends with .csv.gz",
+            ),
             FileKind::Workbook => (
                 &["xlsx", "xlsm", "xls", "xlsb", "ods"],
-                "this is a workbook or an archive: let the name of a workbook end with .xlsx, and extract the log from \
-                 an archive",
+                "this is a workbook or an archive: rename a workbook to a name that ends with .xlsx, or \
+                 extract the log from an archive",
             ),
             FileKind::Log if is_one_of(&["parquet", "gz", "xlsx", "xlsm", "xls", "xlsb", "ods"]) => {
-                (&[], "this is a log as text: let its name end with .csv")
+                (&[], "this is a log as text: rename it to a name that ends with .csv")
             }
             _ => return None,
         };
@@ -160,13 +163,14 @@ impl FileKind {
                 "a template has `title` and `source`, and the channels of one device; give the profile on the \
                  command line, as `isotherm check machine.toml`"
             }
-            (FileKind::Profile, _) => "give it as the profile, as `isotherm check machine.toml`",
+            (FileKind::Profile, _) => "use this file as the profile: `isotherm check machine.toml`",
             (FileKind::Template, _) => {
                 "save it as devices/NAME.toml next to the profile, and write template = \"NAME\" at a device of \
                  the profile"
             }
             (FileKind::Plant, _) => {
-                "give the profile instead: `isotherm virtual machine.toml` reads machine.plant.toml next to it"
+                "use the profile instead: `isotherm virtual machine.toml` also reads machine.plant.toml in \
+                 the same directory"
             }
             (FileKind::ModelBlock, _) => {
                 "insert its text into the profile of the machine, in the place of the tables \
@@ -208,9 +212,10 @@ impl FileKind {
                  `isotherm init` writes one. A model in JSON is named by the profile: file = \"model.json\""
             }
             (FileKind::Yaml, FileKind::Profile | FileKind::Template) => {
-                "it must be TOML: [machine] and name = \"press-7\" in the place of `machine:` and `name: press-7`"
+                "this file must be TOML: write [machine] and name = \"press-7\" instead of `machine:` and \
+                 `name: press-7`"
             }
-            (FileKind::Json, _) => "a profile names such a file at its model: file = \"model.json\"",
+            (FileKind::Json, _) => "use this file at a model of the profile: file = \"model.json\"",
             (FileKind::Workbook, _) => "a workbook can only contain a log: save its sheet as CSV",
             (FileKind::Compressed, _) => "decompress it with `gunzip`",
             (FileKind::Packed, _) => "decompress it",

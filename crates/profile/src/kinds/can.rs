@@ -138,14 +138,14 @@ fn requests(_: &Device, signals: &SignalsOf<'_>) -> Vec<ReadRequest> {
 /// missing or invalid.
 fn interface(raw: &RawBus, at: &KeyContext<'_>) -> Option<String> {
     let at = at.key("interface");
-    let help = "write the network interface, as \"can0\"; `ip link` shows which there are";
-    at.missing("`interface` is missing: where is the line?", help);
+    let help = "write the network interface, as \"can0\"; `ip link` lists the interfaces of this computer";
+    at.missing("`interface` is missing: which network interface is the CAN line?", help);
     let name = raw.interface.as_ref()?;
     let is_plain = |c: char| c != '/' && !c.is_whitespace();
     if name.is_empty() || name.len() > LONGEST_NAME || !name.chars().all(is_plain) {
-        let help = "write the name of the interface, as \"can0\": up to 15 characters; `ip link` shows \
-                    which there are";
-        return at.reject(format!("`{name}` cannot be a network interface"), help);
+        let help = "write the name of the interface, as \"can0\": up to 15 characters; `ip link` lists the \
+                    interfaces of this computer";
+        return at.reject(format!("`{name}` cannot be the name of a network interface"), help);
     }
     Some(name.clone())
 }

@@ -98,7 +98,10 @@ fn needs_address(raw: &RawSignal, at: &KeyContext<'_>) {
         && at.top("device").key(device).key("unit").is_left_out()
     {
         let help = format!("write the address that is set at the device, as unit = 1 at device `{device}`");
-        at.key(key).invalid(format!("`{key}` contains the address of `{device}`, which states none"), help);
+        at.key(key).invalid(
+            format!("`{key}` contains the address of `{device}`, but this device has no `unit`"),
+            help,
+        );
     }
 }
 
@@ -117,7 +120,8 @@ fn pattern(signal: &KeyContext<'_>, text: Option<&String>, unit: u8) -> Option<T
 /// Warns if the gateway could not detect that a readout has been switched to inch.
 fn hides_inch(raw: &RawSignal, signal: &KeyContext<'_>, pattern: &TextPattern) {
     if matches!(raw.unit.as_deref(), Some("mm" | "um")) && !pattern.distinguishes_units() {
-        let message = "a value in inch has the same form: this text states neither decimals nor a unit";
+        let message = "a change of the device to inch is not detected: this text states neither decimals \
+                       nor a unit";
         let help = "write the decimals that the device sends, as {number.3}, or the unit behind the number, as \
                     {number} mm";
         signal.key("text").warn(message, help);

@@ -74,7 +74,7 @@ pub(super) static KIND: BusKind = BusKind {
         let owner = "a device on another kind of line";
         let (places, of_registers) = FOREIGN.split_at(7);
         at.not_applicable(places, owner, &signal_help(device));
-        let help = "remove this key: the kernel gives a temperature, and reports itself if there is none";
+        let help = "remove this key: the kernel returns a temperature, or an error if there is none";
         at.not_applicable(of_registers, owner, help);
         &FOREIGN
     },
@@ -119,7 +119,9 @@ fn root(at: &KeyContext<'_>, address: Option<&String>) -> Option<String> {
     if !address.starts_with('/') {
         let help = "remove this key (default \"/sys\"); in a container, write the directory where the \
                     host's /sys is mounted: \"/host/sys\"";
-        return at.key("address").reject(format!("`{address}` is no absolute path of a directory"), help);
+        return at
+            .key("address")
+            .reject(format!("`{address}` is not the absolute path of a directory"), help);
     }
     if let Some(inside) = ["/class", "/bus/"].iter().find_map(|inside| address.find(inside)) {
         let above = &address[..inside];
@@ -145,7 +147,8 @@ fn sensor(signal: &KeyContext<'_>, text: Option<&String>) -> Option<PcSensor> {
         return None;
     };
     let report = |why: String| {
-        let (message, help) = why.split_once("; ").unwrap_or((&why, "write it as `isotherm scan` does"));
+        let (message, help) =
+            why.split_once("; ").unwrap_or((&why, "write the name as `isotherm scan` shows it"));
         at.invalid(message, format!("{help}; `isotherm scan --bus /sys` lists what this computer has"));
     };
     text.parse().map_err(report).ok()

@@ -157,7 +157,7 @@ impl Axis {
             "Cz stays within ±{limit} µm and changes by at most {step} µm every {every} and {rate} µm/s"
         );
         if guard.deadband.get() > 0.0 {
-            bounds += &format!("; a change of up to {} µm is not made", guard.deadband.get());
+            bounds += &format!("; changes of up to {} µm are ignored", guard.deadband.get());
         }
         bounds.extend(
             guard.count.map(|count| format!("; Cz changes in steps of {} µm, one count", count.get())),

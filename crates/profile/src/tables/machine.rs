@@ -109,7 +109,8 @@ pub(super) fn resolve(
         at.key("name").invalid(message, format!("allowed: up to {LONGEST_NAME}"));
     }
     if let Some(version) = raw.version.filter(|version| *version != FORM) {
-        let message = format!("a profile of version {version}; this isotherm supports version {FORM}");
+        let message =
+            format!("the profile has version {version}, but this isotherm supports only version {FORM}");
         at.key("version").invalid(message, "install the isotherm version of this profile, or remove the key");
     }
     let settings = MachineSettings {

@@ -103,7 +103,7 @@ pub struct Notify {
 /// Resolves all servers. Reports every error.
 pub(super) fn resolve(at: &KeyContext<'_>, raw: &[RawNotify]) -> Vec<Notify> {
     if raw.len() > MOST {
-        let help = "let one server pass the messages on to the others";
+        let help = "configure one server to forward the messages to the others";
         at.wrong_key(format!("{} servers are named; at most {MOST} are allowed", raw.len()), help);
         return Vec::new();
     }
@@ -141,7 +141,7 @@ impl RawNotify {
 fn template(at: &KeyContext<'_>, text: &str) -> Option<BodyTemplate> {
     let template = BodyTemplate::parse(text).map_err(|(message, help)| at.invalid(message, help)).ok()?;
     if !template.has_fields() {
-        let help = "write a field of the message into it: body = '{\"text\": \"{machine}: {text}\"}'";
+        let help = "write a field of the message into the body: body = '{\"text\": \"{machine}: {text}\"}'";
         at.warn("every message would have the same body", help);
     }
     Some(template)

@@ -112,7 +112,7 @@ impl FromStr for Flag {
         }
         match bit.parse() {
             Ok(bit @ 0..=15) => Ok(Flag { address, bit: Some(bit) }),
-            _ => Err(format!("`{bit}` is no bit of a register; allowed: 0 to 15")),
+            _ => Err(format!("`{bit}` is not a bit of a register; allowed: 0 to 15")),
         }
     }
 }

@@ -60,7 +60,7 @@ fn boot_counter(
     let address = counts_there(&at, counts, output.address.node().is_some())?;
     if output.writes.position().is_some() {
         let help = "remove `restart`: after a restart, a corrected position needs no new start of Cz";
-        at.wrong_key("a corrected position is written at each reading of the position", help);
+        at.wrong_key("a corrected position is written each time the position is read", help);
         return None;
     }
     let device = check.devices.get(output.device.0)?;
@@ -70,7 +70,7 @@ fn boot_counter(
     let other = known.get(&output.device).filter(|known| known.address != address);
     if let Some(BootCounter { address, line, .. }) = other {
         let address = address.register().map_or_else(|| address.to_string(), |register| register.to_string());
-        let message = format!("`{}` has its boot counter at {address} already ({line})", device.name);
+        let message = format!("device `{}` already has its boot counter at {address} ({line})", device.name);
         let help = "a device restarts as a whole: write the same boot counter at all its outputs";
         return at.reject(message, help);
     }

@@ -177,7 +177,7 @@ impl RawWeb {
         for (place, host) in self.hosts.iter().enumerate() {
             if !is_name(host) {
                 let help = "write the name alone, as \"gw7.plant.example\": no scheme, no port, no path";
-                at.key("hosts").item(place).invalid(format!("`{host}` is no host name"), help);
+                at.key("hosts").item(place).invalid(format!("`{host}` is not a host name"), help);
             }
         }
         Web {
@@ -204,7 +204,9 @@ impl RawWeb {
         for (place, text) in self.trusted_proxies.iter().enumerate() {
             match IpNetwork::parse(text) {
                 Ok(network) => proxies.push(network),
-                Err(help) => at.item(place).invalid(format!("`{text}` is no address and no network"), help),
+                Err(help) => {
+                    at.item(place).invalid(format!("`{text}` is neither an address nor a network"), help)
+                }
             }
         }
         proxies

@@ -33,7 +33,7 @@ fn farther(mut frame: Value, bits: u64) -> Value {
 /// Returns the CANopen object of the channel with the index `place`. The sub-indices of the channels follow each other.
 pub(crate) fn of_member(object: &str, place: u16, stride: u16) -> Result<String, String> {
     let far = u32::from(place) * u32::from(stride);
-    let (index, sub) = object.split_once(':').ok_or_else(|| format!("`{object}` is no CANopen object"))?;
+    let (index, sub) = object.split_once(':').ok_or_else(|| format!("`{object}` is not a CANopen object"))?;
     let sub = u32::from_str_radix(sub, 16).ok().map(|sub| sub + far).and_then(|sub| u8::try_from(sub).ok());
     let sub = sub.ok_or_else(|| format!("{object} plus {far} is beyond the last subindex, FF"))?;
     Ok(format!("{index}:{sub:02X}"))

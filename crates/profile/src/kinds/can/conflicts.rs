@@ -41,7 +41,10 @@ fn nodes(check: &Check<'_>, devices: impl Iterator<Item = usize>) -> Vec<Node> {
         if let Some(first) = nodes.iter().find(|known| known.number == number) {
             let key = |device: &str| check.at("device").key(device).key("node");
             let there = key(&first.device).line();
-            let message = format!("`{}` is node {number} of this line already ({there})", first.device);
+            let message = format!(
+                "device `{}` already has the node number {number} on this line ({there})",
+                first.device
+            );
             key(&device.name).invalid(message, "each node of a line has its own number, set at the device");
         }
         nodes.push(Node { number, device: device.name.clone(), index });
@@ -56,7 +59,8 @@ fn sync(check: &Check<'_>, bus: usize) -> Option<CanId> {
 fn sync_identifier(check: &Check<'_>, bus: usize, nodes: &[Node]) {
     let Some((bus, id)) = check.buses.get(bus).zip(sync(check, bus)) else { return };
     if let Some((what, _)) = taken(id, None, nodes, true).or_else(|| sent_by_a_node(id, nodes)) {
-        let help = "remove `cob_id`: SYNC is 0x80 unless the nodes are set otherwise";
+        let help = "remove `cob_id`: SYNC has the identifier 0x80, unless the nodes are configured for \
+                    another one";
         check.at("bus").key(&bus.name).key("sync").key("cob_id").invalid(format!("{id} is {what}"), help);
     }
 }
@@ -107,7 +111,10 @@ fn written_identifiers(check: &Check<'_>, (bus, nodes): (usize, &[Node]), signal
             if matches!(&signal.address, Address::Frame(field) if field.frames.takes(id)) {
                 let message =
                     format!("signal `{}` is read from {id}, which this output would send", signal.name);
-                at.invalid(message, "a frame has one sender: read another identifier, or write another");
+                at.invalid(
+                    message,
+                    "a frame has only one sender: correct the identifier of this output or of the signal",
+                );
             }
         }
     }
@@ -142,7 +149,7 @@ fn objects_written(check: &Check<'_>) {
                 "the corrected position would overwrite signal `{}`, from which it is computed",
                 signal.name
             );
-            at.invalid(message, "read the object of the encoder, and write another object");
+            at.invalid(message, "read the object of the encoder, and write to another object");
         }
     }
 }
@@ -211,7 +218,10 @@ fn sent_by_a_node(id: CanId, nodes: &[Node]) -> Option<Blame> {
     let (number, node, is_sent) = usual(id, nodes)?;
     let message =
         format!("TPDO{number} of node {}, `{}`, which the node itself sends", node.number, node.device);
-    is_sent.then_some((message, "a node receives at 0x200, 0x300, 0x400 or 0x500 + its number"))
+    is_sent.then_some((
+        message,
+        "a node receives process data at the identifiers 0x200, 0x300, 0x400 and 0x500 plus its node number",
+    ))
 }
 
 fn received_by_another(id: CanId, nodes: &[Node], device: usize) -> Option<Blame> {

@@ -20,7 +20,8 @@ pub(super) fn described(
     let raw = check.raw.device.get(device)?;
     let Some(file) = &raw.dbc else {
         // Reported at the device, so that several signals give one error.
-        let message = format!("device `{device}` has no DBC file, but signals are read by `dbc` from it");
+        let message =
+            format!("device `{device}` has no DBC file, but signals of this device have the key `dbc`");
         key.missing(message, "write dbc = \"….dbc\" at this device, a file next to the profile");
         return None;
     };

@@ -130,7 +130,8 @@ impl RawPdo {
             (None, None) => {
                 if at.key("number").is_left_out() {
                     let help = "write cob_id = 0x185, or number = 1 for the usual identifier of the node";
-                    at.key("cob_id").missing("`cob_id` is missing: which frame is it?", help);
+                    at.key("cob_id")
+                        .missing("`cob_id` is missing: what is the CAN identifier of the frame?", help);
                 }
                 None
             }
@@ -151,7 +152,7 @@ impl RawFrame {
         let order = match self.order {
             Some(ByteOrderWord::Big) => ByteOrder::Motorola,
             None if needs_order => {
-                let message = "`order` is missing: which end of the value comes first?";
+                let message = "`order` is missing: what is the byte order of the value?";
                 let help = "write \"little\" (Intel, `start` is the least significant bit) or \"big\" \
                             (Motorola, `start` is the most significant one)";
                 at.key("order").missing(message, help);
@@ -178,7 +179,7 @@ impl RawMultiplex {
         let equals = self.equals?;
         let width = bits.data_type().width();
         if width < 64 && equals >> width != 0 {
-            let message = format!("{width} bits cannot contain {equals}");
+            let message = format!("a multiplexer of {width} bits cannot have the value {equals}");
             at.key("equals").invalid(message, format!("allowed: 0 to {}", (1u64 << width) - 1));
         }
         Some(Selector { bits, values: vec![(equals, equals)] })
@@ -205,7 +206,7 @@ fn bits(
 ) -> Option<BitField> {
     let kind = match (signed.unwrap_or(false), float.unwrap_or(false)) {
         (true, true) => {
-            let help = "remove `signed`: a floating-point number has its sign";
+            let help = "remove `signed`: a floating-point number is always signed";
             at.key("signed").wrong_key("`signed` and `float` exclude each other", help);
             BitKind::Float
         }
@@ -246,7 +247,7 @@ pub(crate) fn entry(at: &KeyContext<'_>, text: &str) -> Option<Entry> {
     });
     if parsed.is_none() {
         let help = "write index and subindex in hexadecimal, four digits and two, as \"7130:01\"";
-        at.invalid(format!("`{text}` is no CANopen object"), help);
+        at.invalid(format!("`{text}` is not a CANopen object"), help);
     }
     parsed
 }

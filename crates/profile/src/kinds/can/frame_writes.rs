@@ -111,12 +111,12 @@ fn share_a_frame(check: &Check<'_>, earlier: &Written, later: &Written) {
         at.key("start").invalid(message, "a bit must have one writer: correct `start` or `length`");
     }
     if earlier.field.is_fd != later.field.is_fd {
-        let message = format!("output `{output}` at {there} has another `fd` for {id}");
+        let message = format!("output `{output}` at {there} has a different `fd` for {id}");
         at.invalid(message, "write the same `fd` at both outputs");
     }
     match (&earlier.fill, &later.fill) {
         (Some(one), Some(other)) if one != other => {
-            let message = format!("output `{output}` at {there} has another `fill` for {id}");
+            let message = format!("output `{output}` at {there} has a different `fill` for {id}");
             at.key("fill").invalid(message, "write `fill` at one output, or the same `fill` at both");
         }
         (Some(fill), None) if later.bytes() > fill.len() => {

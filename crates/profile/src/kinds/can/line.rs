@@ -54,7 +54,9 @@ impl CanDevice {
         let own = || profile.signals_of(id).map(|(_, signal)| signal);
         let watched = self.node.map(|node| {
             let started = match self.start {
-                true => format!("node {node} is started by NMT at the beginning and after each boot-up"),
+                true => format!(
+                    "the gateway starts node {node} by NMT at its own start and after each boot-up of the node"
+                ),
                 false => {
                     format!(
                         "node {node} is not started by the gateway: it starts by itself, or another master \
@@ -101,7 +103,7 @@ impl CanDevice {
             let bytes: Vec<String> = frame.data().iter().map(|byte| format!("{byte:02x}")).collect();
             let kind = if frame.is_fd() { "CAN FD, " } else { "" };
             let (id, count, bytes, names) = (frame.id(), bytes.len(), bytes.join(" "), names.join(", "));
-            format!("sends {id}, {kind}{count} bytes, {bytes} before the values: {names}")
+            format!("sends {id}, {kind}{count} bytes, initially {bytes}, with the values of {names}")
         });
         let emergencies = self.emergencies.iter().map(|Emergency { code, mask, meaning }| {
             let bits = if *mask == u16::MAX { String::new() } else { format!(" in the bits of {mask:#06x}") };

@@ -106,7 +106,7 @@ impl RawSetup {
         let (entry, data_type, value) = (entry?, data_type?, self.value?);
         let Some((low, high)) = data_type.integer_range() else {
             let help = "use an integer type: u8, u16, i16, u32, i32, …";
-            return at.key("type").reject("`setup` cannot write a floating-point object", help);
+            return at.key("type").reject("`setup` cannot write an object with a floating-point type", help);
         };
         if !(low..=high).contains(&i128::from(value)) {
             let message = format!("{} cannot contain {value}", data_type.name());

@@ -114,7 +114,7 @@ fn of_a_frame(raw: &RawOutput, at: &KeyContext<'_>, data_type: DataType, owner: 
     let kept = |verify: &VerifyWord| *verify == VerifyWord::ReadBack && raw.read_back.is_some();
     if let Some(verify) = raw.verify.filter(|verify| !kept(verify)) {
         let word = if verify == VerifyWord::Echo { "echo" } else { "read-back" };
-        let message = format!("a frame has no answer: verify = \"{word}\" is not possible");
+        let message = format!("no device answers a CAN frame: verify = \"{word}\" is not possible");
         let help = "remove this key, and write read_back = \"6004:00\", the CANopen object that returns the \
              written value";
         at.key("verify").invalid(message, help);
@@ -137,8 +137,9 @@ fn of_a_frame(raw: &RawOutput, at: &KeyContext<'_>, data_type: DataType, owner: 
     fields::needs_node(&place, owner);
     let entry = fields::entry(&place, text);
     if !data_type.width().is_multiple_of(8) {
-        let message = format!("an object has whole bytes, and {} bits are written", data_type.width());
-        return place.reject(message, "write 8, 16, 24, 32 or 64 bits, as the object has them");
+        let message =
+            format!("an object consists of whole bytes, but the output writes {} bits", data_type.width());
+        return place.reject(message, "write 8, 16, 24, 32 or 64 bits, the size of the object");
     }
     Some(Verify::ReadBackAt(Object { entry: entry?, data_type }))
 }

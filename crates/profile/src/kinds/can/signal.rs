@@ -122,14 +122,14 @@ fn convert(raw: &RawSignal, at: &KeyContext<'_>, found: &mut Described) -> Optio
             let is_number = |own: &Unit| matches!(own.0, "1" | "count" | "bool");
             if let Some(own) = own.filter(|own| !is_number(own) && !is_replaced) {
                 let help = format!(
-                    "if this means \"{}\", write scale = {} and offset = {}, as in the DBC file; if not, those that \
-                     convert the raw count",
+                    "if this means \"{}\", write scale = {} and offset = {}, as in the DBC file. If not, \
+                     write the `scale` and `offset` that convert the raw count",
                     own.0,
                     toml_number(found.scale),
                     toml_number(found.offset)
                 );
                 let message = format!(
-                    "the DBC file has this signal in \"{written}\", which is no unit that isotherm knows"
+                    "the DBC file has this signal in \"{written}\", which is not a unit that isotherm supports"
                 );
                 at.key("unit").invalid(message, help);
             }
@@ -159,6 +159,6 @@ const OF_BITS: &str = "remove this key: `length`, `signed` and `float` define th
 fn no_fill(at: &KeyContext<'_>, is_there: bool) {
     if is_there {
         let help = "remove this key: `fill` is only for an output";
-        at.wrong_key("a frame that is read is filled by its sender", help);
+        at.wrong_key("`fill` has no effect here: the sender of the frame fills it", help);
     }
 }

@@ -12,16 +12,17 @@ pub(super) fn preview(profile: &Profile, id: BusId) -> Option<Section> {
     }
     let mut section = Section::default();
     section.line(format!(
-        "  treated as behind a Modbus gateway to a serial line (`quirks.gateway`): {}",
+        "  devices treated as behind a Modbus gateway to a serial line (`quirks.gateway`): {}",
         devices.join(", ")
     ));
     section.line(
         "  after a missing answer, the next request to a unit waits until a late answer can no longer arrive",
     );
     section.line(
-        "  a unit that does not answer is asked seldom, so that the readings of the others do not become too old",
+        "  the gateway rarely requests a unit that does not answer, so that the readings of other units \
+         stay recent",
     );
-    section.line("  every such unit is asked at least every five minutes");
+    section.line("  the gateway requests such a unit at least every five minutes");
     section.entry("devices", &devices);
     Some(section)
 }

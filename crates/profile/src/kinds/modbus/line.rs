@@ -93,7 +93,7 @@ pub(super) fn settings(
 pub(super) fn address(raw: &RawBus, at: &KeyContext<'_>) -> Option<String> {
     let at = at.key("address");
     let help = "write host and port, as \"192.168.0.10:502\"; 502 is Modbus TCP's usual port";
-    at.missing("`address` is missing: where is the line?", help);
+    at.missing("`address` is missing: what are the host and port of the line?", help);
     let address = raw.address.as_ref()?;
     if let Some((scheme, rest)) = address.split_once("://") {
         let host = rest.split(['/', '?']).next().unwrap_or_default();
@@ -103,7 +103,7 @@ pub(super) fn address(raw: &RawBus, at: &KeyContext<'_>) -> Option<String> {
             Err(why) => why.meant(USUAL).unwrap_or_else(|| EXAMPLE.to_owned()),
         };
         let help = format!("write host and port alone, as \"{host}\"; `type` sets the protocol");
-        return at.reject(format!("`{address}` is a URL (`{scheme}`), and no host and port"), help);
+        return at.reject(format!("`{address}` is a URL (`{scheme}`), not host and port"), help);
     }
     let place = host_and_port(address);
     let host = place.as_ref().map_or(address.as_str(), |(host, _)| host);
@@ -128,7 +128,7 @@ pub(super) fn address(raw: &RawBus, at: &KeyContext<'_>) -> Option<String> {
 /// Resolves the settings of a serial port. Returns `None` if they have an error.
 fn serial(raw: &RawBus, at: &KeyContext<'_>) -> Option<Serial> {
     let help = "write the baud rate that is set at the devices: 9600 and 19200 are usual";
-    at.key("baud").missing("`baud` is missing: how fast is the line?", help);
+    at.key("baud").missing("`baud` is missing: what is the baud rate of the line?", help);
     let (parity, stop_bits) = (raw.parity.unwrap_or_default(), raw.stop_bits.unwrap_or(1));
     Some(Serial { baud: raw.baud?, parity, stop_bits })
 }
@@ -138,14 +138,16 @@ fn port(raw: &RawBus, at: &KeyContext<'_>) -> Option<String> {
     let at = at.key("port");
     let help = "write the port's path; `ls /dev/serial/by-id` shows the names that do not change when an \
                 adapter is replugged";
-    at.missing("`port` is missing: where is the line?", help);
+    at.missing("`port` is missing: which serial port of this computer is the line?", help);
     let port = raw.port.as_ref()?;
     if !port.starts_with('/') {
         let help = format!("write the whole path, as \"/dev/{port}\" or one of /dev/serial/by-id");
-        return at.reject(format!("`{port}` is no path of a port"), help);
+        return at.reject(format!("`{port}` is not the path of a serial port"), help);
     }
     if ["/dev/ttyUSB", "/dev/ttyACM"].iter().any(|numbered| port.starts_with(numbered)) {
-        let message = format!("`{port}` may be another adapter after a replug or a restart");
+        let message = format!(
+            "`{port}` may be another adapter after adapters were replugged or the computer was restarted"
+        );
         at.warn(message, "use the adapter's name below /dev/serial/by-id");
     }
     Some(port.clone())

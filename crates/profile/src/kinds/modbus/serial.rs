@@ -54,7 +54,7 @@ impl FromStr for Parity {
     /// A sentence with the allowed values.
     fn from_str(text: &str) -> Result<Parity, String> {
         let known = [Parity::None, Parity::Even, Parity::Odd].into_iter().find(|known| known.word() == text);
-        known.ok_or_else(|| format!("`{text}` is no parity; allowed: none, even, odd"))
+        known.ok_or_else(|| format!("`{text}` is not a parity; allowed: none, even, odd"))
     }
 }
 

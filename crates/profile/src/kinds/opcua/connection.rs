@@ -149,7 +149,7 @@ pub fn server_url(text: &str) -> Result<String, (String, String)> {
     let Some(rest) = text.strip_prefix(SCHEME) else {
         let host = text.rsplit("://").next().unwrap_or_default().trim();
         let help = format!("write \"{SCHEME}{host}\": the gateway speaks OPC UA binary over TCP");
-        return Err((format!("`{text}` is no URL of an OPC UA server"), help));
+        return Err((format!("`{text}` is not the URL of an OPC UA server"), help));
     };
     if text.contains(char::is_whitespace) {
         let help = format!("a URL has no spaces: write it as {example}");
@@ -193,7 +193,10 @@ impl RawUser {
             let key = (self.key.as_ref(), "name the private key of `cert`, in PEM form");
             return pair(at, cert, key).map(|(cert, key)| User::Certified { cert, key });
         }
-        at.key("name").missing("`name` is missing: which user of the server?", "write name = \"…\"");
+        at.key("name").missing(
+            "`name` is missing: what is the gateway's user name on the server?",
+            "write name = \"…\"",
+        );
         let password = password(at, self.password_file.as_ref());
         Some(User::Named { name: self.name.clone()?, password: password? })
     }

@@ -9,7 +9,7 @@ use crate::tables::bus::tls::{NamedFile, pair};
 pub(super) fn address(raw: &RawBus, at: &KeyContext<'_>) -> Option<String> {
     let at = at.key("address");
     let help = format!("write the URL of the server, as \"{SCHEME}192.168.214.241:{PORT}\"");
-    at.missing("`address` is missing: where is the server?", help);
+    at.missing("`address` is missing: what is the URL of the server?", help);
     server_url(raw.address.as_ref()?).map_err(|(message, help)| at.invalid(message, help)).ok()
 }
 
@@ -17,7 +17,7 @@ pub(super) fn address(raw: &RawBus, at: &KeyContext<'_>) -> Option<String> {
 pub(super) fn resolve(raw: &RawBus, at: &KeyContext<'_>) -> Option<OpcUa> {
     let help = "write \"sign-and-encrypt\" or \"sign\"; write \"none\" only if the network connects nothing \
                 but this machine";
-    at.key("security").missing("`security` is missing: what protects the messages?", help);
+    at.key("security").missing("`security` is missing: are messages signed and encrypted?", help);
     let user = raw.user.as_ref().map_or(Some(User::Anonymous), |user| user.resolve(&at.key("user")));
     let security = raw.security?;
     let type_at = at.report.spans.at_value(&at.key("type").path, "", None);

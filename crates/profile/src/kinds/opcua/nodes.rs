@@ -129,9 +129,10 @@ pub(crate) fn holds(at: &KeyContext<'_>, node: &Node, most: u16) -> Option<()> {
     let message = match node.taken_as().integer_range() {
         Some((_, highest)) if highest >= i128::from(most) => return Some(()),
         Some(_) => format!("{name} cannot contain {most}"),
-        None => format!("{name} is no integer type"),
+        None => format!("{name} is not an integer type"),
     };
-    let help = "the type must be the node's own: name another node, for example of type u16, i16, u32 or i32";
+    let help = "`type` must be the type of the node on the server: use another node, for example of type \
+                u16, i16, u32 or i32";
     at.key("type").reject(message, help)
 }
 

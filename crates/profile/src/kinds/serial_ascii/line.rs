@@ -20,7 +20,7 @@ pub(super) fn resolve(raw: &RawBus, at: &KeyContext<'_>) -> Option<TransportAddr
         return Some((Transport::AsciiOverTcp, address(&at.key("address"), raw.address.as_ref())));
     }
     let help = "write the baud rate that is set at the device: 9600 and 4800 are usual";
-    at.key("baud").missing("`baud` is missing: how fast is the line?", help);
+    at.key("baud").missing("`baud` is missing: what is the baud rate of the line?", help);
     let port = port(&at.key("port"), raw.port.as_ref());
     let (parity, stop_bits) = (raw.parity.unwrap_or_default(), raw.stop_bits.unwrap_or(1));
     let serial = Serial { baud: raw.baud?, parity, stop_bits };
@@ -31,14 +31,16 @@ pub(super) fn resolve(raw: &RawBus, at: &KeyContext<'_>) -> Option<TransportAddr
 fn port(at: &KeyContext<'_>, port: Option<&String>) -> Option<String> {
     let help = "write the port's path, as \"/dev/serial/by-id/usb-…\"; or, for a serial server, address = \
                 \"192.168.0.20:4001\"";
-    at.missing("`port` is missing: where is the line?", help);
+    at.missing("`port` is missing: which serial port of this computer is the line?", help);
     let port = port?;
     if !port.starts_with('/') {
         let help = format!("write the whole path, as \"/dev/{port}\" or one of /dev/serial/by-id");
-        return at.reject(format!("`{port}` is no path of a port"), help);
+        return at.reject(format!("`{port}` is not the path of a serial port"), help);
     }
     if ["/dev/ttyUSB", "/dev/ttyACM"].iter().any(|numbered| port.starts_with(numbered)) {
-        let message = format!("`{port}` may be another adapter after a replug or a restart");
+        let message = format!(
+            "`{port}` may be another adapter after adapters were replugged or the computer was restarted"
+        );
         at.warn(message, "use the adapter's name below /dev/serial/by-id");
     }
     Some(port.clone())

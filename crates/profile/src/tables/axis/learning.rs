@@ -63,7 +63,8 @@ impl LearningKeys<'_> {
             at.key("learn").invalid("this program was built without learning", help);
         }
         if self.adjusts_gains {
-            let help = "remove `gains`: learning changes all gains together, and judges the result first";
+            let help = "remove `gains`: learning changes all gains together, and tests the result before it \
+                        is adopted";
             at.key("learn").invalid("`gains` and `learn` would both change the gains of the models", help);
         }
         let adopt = match self.adopt {

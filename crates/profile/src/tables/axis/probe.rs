@@ -167,7 +167,7 @@ impl RawProbe {
         let trigger = at.key("trigger").signal(self.trigger.as_ref());
         let Some(name) = &self.signal else {
             if self.trigger.is_some() {
-                let help = "write `signal`, where the measured error is read, or remove `trigger`";
+                let help = "write `signal`, the signal with the measured error, or remove `trigger`";
                 at.key("signal")
                     .missing("`signal` is missing: a trigger alone gives no measured error", help);
             }
@@ -175,8 +175,8 @@ impl RawProbe {
         };
         let signal = signal?;
         if self.trigger.is_some() && trigger? == signal {
-            let help =
-                "remove `trigger`: then each change of the error is a probing; or name a flag or a counter";
+            let help = "remove `trigger`, so that each change of the error counts as a probing, or name a \
+                        flag or a counter";
             at.key("trigger").invalid("the error cannot be its own trigger", help);
         }
         let of_unit = match at.unit_of(signal)?.0 {

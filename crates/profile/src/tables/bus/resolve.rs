@@ -129,7 +129,7 @@ pub(in crate::tables) fn one_owner_each(check: &Check<'_>) {
             let at = check.at("bus").key(&bus.name);
             // A line with frames or text has a port, or the address of a serial server.
             let key = if at.key("address").is_written() { "address" } else { key };
-            let message = format!("the bus `{first}` has this {key} already");
+            let message = format!("the bus `{first}` already has this {key}");
             let help = "put all devices of one line on one bus; each has its own `every`";
             at.key(key).invalid(message, help);
         }

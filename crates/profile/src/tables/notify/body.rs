@@ -88,7 +88,7 @@ impl BodyTemplate {
     /// The text is not JSON, or a place has no field. The error is a message and a hint.
     pub fn parse(text: &str) -> Result<BodyTemplate, Wrong> {
         let json: Value = serde_json::from_str(text)
-            .map_err(|why| (format!("this is no JSON: {why}"), EXAMPLE.to_owned()))?;
+            .map_err(|why| (format!("this is not JSON: {why}"), EXAMPLE.to_owned()))?;
         check(&json)?;
         Ok(BodyTemplate(json))
     }
@@ -239,9 +239,9 @@ mod tests {
     #[test]
     fn a_template_that_cannot_be_filled_is_rejected_with_a_hint() {
         for (template, message, help) in [
-            ("{machine}: {text}", "this is no JSON", "inside quotation marks"),
-            (r#"{"count": {count}}"#, "this is no JSON", "inside quotation marks"),
-            ("", "this is no JSON", "inside quotation marks"),
+            ("{machine}: {text}", "this is not JSON", "inside quotation marks"),
+            (r#"{"count": {count}}"#, "this is not JSON", "inside quotation marks"),
+            ("", "this is not JSON", "inside quotation marks"),
             (r#"{"text": "{mashine}"}"#, "no field `mashine`", "did you mean `machine`?"),
             (r#"{"text": "{Machine}"}"#, "no field `Machine`", "did you mean `machine`?"),
             (r#"{"text": ["{token}"]}"#, "no field `token`", "allowed: machine, when"),

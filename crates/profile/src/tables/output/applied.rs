@@ -84,7 +84,7 @@ pub(crate) fn resolve(
     };
     if share == Share::Ledger {
         let message =
-            "this register would contain the operator offset too: the gateway share cannot be read in it";
+            "this register would contain the operator offset too: the gateway share cannot be read from it";
         at.invalid(message, "remove `read_back`, or write share = \"whole\"");
     }
     if raw.is_no_offset() {

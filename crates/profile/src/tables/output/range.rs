@@ -53,7 +53,7 @@ pub(super) fn meaning(output: &Output, axis: &Axis, profile: &Profile) -> String
         }
         Writes::Corrected { position } => {
             let what = if axis.diameter { "2·Cz" } else { "Cz" };
-            format!("{} + {what}, each time the scale is read", profile.signal(position).name)
+            format!("{} + {what}, each time the position is read", profile.signal(position).name)
         }
     }
 }

@@ -61,14 +61,15 @@ impl RawOutput {
         let of_axis = at.top("axis").key(name);
         if let Some((most, step)) = most.zip(axis.step).filter(|(most, step)| step > most) {
             let message =
-                format!("a step of {step} µm is larger than `{device}` can follow at once, {most} µm");
+                format!("a step of {step} µm is larger than the step that `{device}` can follow, {most} µm");
             of_axis.key("step").invalid(message, format!("write step = {most:?} or less"));
         }
         let every = axis.every.map(|Timespan(every)| every);
         if let Some((least, every)) = least.zip(every).filter(|(least, every)| every < least) {
             let (least, every) = (shown(least), shown(every));
-            let message =
-                format!("`{device}` can follow one update in {least}, but the axis makes one in {every}");
+            let message = format!(
+                "`{device}` can follow one update every {least}, but the axis makes one every {every}"
+            );
             of_axis.key("every").invalid(message, format!("write every = \"{least}\" or longer"));
         }
     }

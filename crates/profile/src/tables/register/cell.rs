@@ -94,20 +94,20 @@ impl FromStr for Cell {
         let number = |text: &str, most: u8| text.trim().parse::<u8>().ok().filter(|bit| *bit <= most);
         let bits = match bits.split_once('-') {
             None => {
-                let none = || format!("`{bits}` is no bit of a register; allowed: 0 to {LAST_OF_ONE}");
+                let none = || format!("`{bits}` is not a bit of a register; allowed: 0 to {LAST_OF_ONE}");
                 Bits::One(number(bits, LAST_OF_ONE).ok_or_else(none)?)
             }
             Some((first, last)) => match (number(first, LAST_OF_TWO), number(last, LAST_OF_TWO)) {
                 (Some(first), Some(last)) if first < last => Bits::Range(first, last),
                 (Some(first), Some(last)) => {
                     return Err(format!(
-                        "bit {first} does not precede bit {last}; write the smaller bit first, as `4-7`"
+                        "bit {first} is not below bit {last}; write the smaller bit first, as `4-7`"
                     ));
                 }
                 _ => {
                     return Err(format!(
-                        "`{bits}` are no bits of a register; allowed: 0 to {LAST_OF_ONE}, and 0 to {LAST_OF_TWO} \
-                         of two registers, as `4-7`"
+                        "`{bits}` are not bits of a register; allowed: 0 to {LAST_OF_ONE}, and 0 to \
+                         {LAST_OF_TWO} of two registers, as `4-7`"
                     ));
                 }
             },

@@ -92,8 +92,9 @@ fn members(check: &Check<'_>) -> Members {
 /// are not read back, and outputs that share their register with an operator.
 fn can_be_exchanged(check: &Check<'_>, at: &KeyContext<'_>, key: &str, output: &Output) {
     if output.writes.position().is_some() {
-        let help = format!("remove `{key}`: the corrected position is written as soon as its scale is read");
-        at.key(key).wrong_key("a corrected position is written at each reading of the scale", help);
+        let help =
+            format!("remove `{key}`: the corrected position is written as soon as the position is read");
+        at.key(key).wrong_key("a corrected position is written each time the position is read", help);
     }
     if check.raw.output.get(&output.name).is_some_and(|raw| raw.is_accepted_by_echo()) {
         let message = format!("with a {key} the register is read before and after each write");
@@ -166,7 +167,8 @@ impl RawSet {
         }
         let requests = set.stretches(of_set.into_iter(), device.longest_request()).len();
         if requests > 1 && set.zeros {
-            let message = format!("with the registers between its words, the set needs {requests} requests");
+            let message =
+                format!("with the unused registers between its words, the set needs {requests} requests");
             at.key("zeros").wrong_key(message, "put the words of the set closer together, or remove `zeros`");
         } else if requests > 1 && self.sequence.is_none() && self.handshake.is_none() {
             let message =

@@ -58,7 +58,7 @@ impl RawCounter {
         if Counter::modulus(encoding.data_type).is_none() {
             let help = "allowed: u16, i16, u24, i24, u32, i32, and 8 to 32 bits of a frame or of registers, which \
                         roll over; remove `counter`";
-            at.wrong_key(format!("{} is no counter", encoding.data_type.name()), help);
+            at.wrong_key(format!("type {} cannot be a counter", encoding.data_type.name()), help);
         }
         if has_max_rate {
             let help = "remove `max_rate` and keep `max_speed`: a step faster than `max_speed` sets a new \

@@ -179,7 +179,7 @@ impl RawSignal {
     pub(super) fn is_difference(&self, at: &KeyContext<'_>, unit: Option<Unit>) -> bool {
         let is_difference = self.is_marked_difference();
         if let Some(unit) = unit.filter(|unit| is_difference && Temperature::of(*unit).is_none()) {
-            let message = format!("a value in \"{}\" is no difference of temperatures", unit.0);
+            let message = format!("a value in \"{}\" is not a difference of temperatures", unit.0);
             at.invalid(message, "remove `difference`: it is only for a signal in \"degC\" or \"K\"");
         }
         is_difference

@@ -63,12 +63,12 @@ impl HalvesFile {
         if self.terms.len() != terms.len() {
             let (own, of_model) = (self.terms.len(), terms.len());
             return Err(format!(
-                "these halves are of another model: they have {own} terms, but the model has {of_model}"
+                "this file belongs to another model: it has {own} terms, but the model has {of_model}"
             ));
         }
         let one = |((place, half), term): ((usize, &HalfTerm), &Term)| {
             half.of(term, &names[term.input.signal.0]).map_err(|why| {
-                format!("these halves are of another model: term {} of the model is {why}", place + 1)
+                format!("this file belongs to another model: term {} of the model is {why}", place + 1)
             })
         };
         self.terms.iter().enumerate().zip(terms).map(one).collect()

@@ -108,7 +108,7 @@ pub(super) fn in_order<'r>(
         Inputs::InOrder(inputs) => inputs,
         Inputs::ByName(_) => {
             let help = "write inputs = [ \"bed\", \"column\" ], in the order of the file";
-            return list.reject("signals by name have no order, which this model needs", help);
+            return list.reject("this model needs its signals in an order, but they are given by name", help);
         }
     };
     if inputs.is_empty() {

@@ -81,7 +81,7 @@ impl RawSlope {
             terms(&list, own, gain, MicronPerMillimetreCelsius::new)
         });
         if let Some([from, to]) = self.travel.filter(|[from, to]| from >= to) {
-            let message = format!("a travel from {from} to {to} mm has no length");
+            let message = format!("the travel from {from} to {to} mm does not have a positive length");
             at.key("travel").invalid(message, "write the smaller end first, as [-300.0, 0.0]");
         }
         let travel = self.travel.and_then(|[from, to]| Millimetre::new(from).zip(Millimetre::new(to)));

@@ -88,7 +88,7 @@ impl RawSeals {
         }
         at.invalid(
             format!(
-                "{name}: the file was changed, or is of another model: the SHA-256 of the file is not \
+                "{name}: the file was changed, or belongs to another model: the SHA-256 of the file is not \
                  `sha256.{key}`"
             ),
             format!(

@@ -78,7 +78,7 @@ fn doubt(at: &KeyContext<'_>, file: &str, id: SignalId) {
         let name = &at.report.signals[id.0];
         at.warn(
             format!(
-                "{file}: {name} is checked for a frozen reading, but is no temperature (its unit is {unit})"
+                "{file}: {name} is checked for a frozen reading, but is not a temperature (its unit is {unit})"
             ),
             format!(
                 "set the unit of the signal if it is a temperature, or remove {name} from the sensors of the \
