@@ -16,7 +16,7 @@ fn a_counter_and_its_capture_command_are_explained() {
     let reported = isotherm_profile::preview::Preview::of(&loaded.profile).to_string();
     for words in [
         "after a step faster than 500 mm per second until the next reading confirms it",
-        "holding:132 (40133) = 1 of counter: before each read of scale_z, in a dry run too",
+        "holding:132 (40133) = 1 of counter: written before each read of scale_z, also in a dry run",
     ] {
         assert!(reported.contains(words), "`{words}` is not in:\n{reported}");
     }

@@ -31,7 +31,7 @@ fn where_what_is_posted_is_shown_without_what_may_be_secret() {
     assert_eq!(profile.notify[0].url.target(None).as_deref(), Some("/in/hidden?key=hidden"));
     let said = Preview::of(&profile).to_string();
     for line in [
-        "  notify[0] to https://hooks.example, trusting the authorities of this computer: alarm, \
+        "  notify[0] to https://hooks.example, trusting the certificate authorities of this computer: alarm, \
          device-lost\n",
         "  notify[1] to http://127.0.0.1:8065, with the token in notify.token, in plain text: axis-off\n",
     ] {
@@ -148,8 +148,8 @@ fn a_body_of_several_lines_is_accepted_and_shown() {
     let filled = template.fill(|field| format!("<{field:?}>"));
     assert_eq!(filled, serde_json::json!({ "text": "<Machine>: <Text>", "n": 1 }));
     let preview = Preview::of(&loaded.profile);
-    let line = "  notify[0] to https://hooks.example, trusting the authorities of this computer, in the form of \
-                `body`: alarm, device-lost\n";
+    let line = "  notify[0] to https://hooks.example, trusting the certificate authorities of this computer, in the \
+                form of `body`: alarm, device-lost\n";
     assert!(preview.to_string().contains(line), "{preview}");
     let json = serde_json::to_value(&preview).unwrap();
     assert_eq!(json["notify"][0]["body"]["text"], "{machine}: {text}");

@@ -147,7 +147,7 @@ impl<'c> KeyContext<'c> {
         self.report.spans.line_of(&self.path)
     }
 
-    /// Reports an error at the value.
+    /// Reports an error at the value of this key.
     pub(crate) fn invalid(&self, message: impl Into<String>, help: impl Into<String>) {
         if self.is_enough() {
             return;
@@ -155,7 +155,7 @@ impl<'c> KeyContext<'c> {
         self.error(self.report.spans.at_value(&self.path, message, Some(help.into())));
     }
 
-    /// Reports an error at the value. Returns `None`.
+    /// Reports an error at the value of this key, and returns `None`.
     pub(crate) fn reject<T>(&self, message: impl Into<String>, help: impl Into<String>) -> Option<T> {
         self.invalid(message, help);
         None
@@ -171,7 +171,7 @@ impl<'c> KeyContext<'c> {
         is_full
     }
 
-    /// Reports an error at the key, which should not be present.
+    /// Reports an error at the name of this key, which should not be present.
     pub(crate) fn wrong_key(&self, message: impl Into<String>, help: impl Into<String>) {
         if self.is_enough() {
             return;
@@ -199,7 +199,7 @@ impl<'c> KeyContext<'c> {
         self.report.errors.borrow_mut().push(error);
     }
 
-    /// Reports a warning at the value.
+    /// Reports a warning at the value of this key.
     pub(crate) fn warn(&self, message: impl Into<String>, help: impl Into<String>) {
         let warning = self.report.spans.at_value(&self.path, message, Some(help.into()));
         self.report.warnings.borrow_mut().push(warning);
@@ -215,7 +215,7 @@ impl<'c> KeyContext<'c> {
         }
     }
 
-    /// Reports a warning at the key.
+    /// Reports a warning at the name of this key.
     pub(crate) fn warn_key(&self, message: impl Into<String>, help: Option<&str>) {
         let warning = self.report.spans.at_key(&self.path, message, help.map(str::to_owned));
         self.report.warnings.borrow_mut().push(warning);

@@ -101,7 +101,7 @@ impl Preview {
         let captures = profile.signals.iter().filter_map(|signal| {
             let device = &profile.device(signal.device).name;
             let (capture, name) = (signal.shown_capture()?, &signal.name);
-            Some(format!("{capture} of {device}: before each read of {name}, in a dry run too"))
+            Some(format!("{capture} of {device}: written before each read of {name}, also in a dry run"))
         });
         let captures: Vec<String> = captures.collect();
         section.lines("  ", &captures);

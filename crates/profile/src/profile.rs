@@ -26,7 +26,7 @@ pub struct Profile {
     pub path: PathBuf,
     /// Settings of the signals that start the machine time and capture references.
     pub machine: MachineSettings,
-    /// Condition for arming the axes.
+    /// Whether axes are armed automatically, or only by the operator.
     pub arm: Arm,
     /// Timeout of a request to arm that cannot be executed yet.
     pub arm_timeout: Duration,

@@ -125,7 +125,7 @@ pub struct Lines<R> {
 }
 
 impl<R: Read> Lines<R> {
-    /// Records that the end of a row has been reached.
+    /// Records that a row of the log has ended. The length of the next row is then counted from 0.
     pub fn row_is_over(&mut self) {
         self.open = 0;
     }

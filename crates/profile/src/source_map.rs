@@ -256,7 +256,7 @@ impl SourceMap {
         self.at_byte(large(span.layer), from + verbatim.unwrap_or(0), path, message, help)
     }
 
-    /// Creates an error at a byte of a layer.
+    /// Creates an error whose position is a byte of a layer.
     pub(crate) fn at_byte(
         &self,
         layer: usize,

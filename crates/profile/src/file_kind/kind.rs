@@ -183,11 +183,12 @@ impl FileKind {
                 "write dbc = \"module.dbc\" with the name of this file at a device on a CAN line of the profile"
             }
             (FileKind::Eds | FileKind::Xdd, FileKind::Dbc) => {
-                "it describes the objects of a CANopen node, not frames: remove `dbc`, and write \
+                "this file describes the objects of a CANopen node, not frames: remove `dbc`, and write \
                  sdo = \"7130:01\" or pdo = { … } at each signal"
             }
             (FileKind::Eds | FileKind::Xdd, _) => {
-                "it describes a CANopen node: write sdo = \"7130:01\" or pdo = { … } at the signals of a profile"
+                "this file describes a CANopen node: write sdo = \"7130:01\" or pdo = { … } at the signals \
+                 of a profile"
             }
             (FileKind::Kcd | FileKind::Arxml | FileKind::Sym, FileKind::Dbc) => {
                 "convert it with cantools (`pip install cantools`): `cantools convert THIS_FILE module.dbc`"
@@ -222,7 +223,7 @@ impl FileKind {
             (FileKind::OtherTable, _) => "export the table as CSV or Parquet",
             (FileKind::Measurement, _) => "export the recording as CSV",
             (FileKind::Html, _) => {
-                "the page was saved instead of the file: download the file itself, on GitHub with \"Raw\""
+                "the web page was saved instead of the file: download the file itself, on GitHub with \"Raw\""
             }
             (FileKind::Pdf | FileKind::Xml | FileKind::Yaml, _) => "give another file",
         }

@@ -31,7 +31,7 @@ const SYNC: u32 = 0x80;
 /// Name of the tables that may have the keys of this kind, used in messages.
 const OWNER: &str = "a device on a CAN line";
 
-/// CAN interface of this computer.
+/// Kind of bus for CAN interfaces of this computer.
 pub(super) static KIND: BusKind = BusKind {
     types: &[LineType {
         word: BusType::Can,
@@ -64,8 +64,8 @@ pub(super) static KIND: BusKind = BusKind {
     signal_keys: SignalKeys { keys: &["dbc", "pdo", "sdo", "frame"], owner: OWNER, help: None },
     signal_help: |device| {
         format!(
-            "`{device}` is on a CAN line: remove this key, and write dbc, pdo, sdo or frame for the place \
-             of the value"
+            "`{device}` is on a CAN line: remove this key, and write dbc, pdo, sdo or frame, which state \
+             where the value is"
         )
     },
     check_signal: |_, at, _| {

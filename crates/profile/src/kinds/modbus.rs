@@ -24,7 +24,7 @@ mod scale_from;
 pub(crate) mod serial;
 mod signal;
 
-/// Modbus over TCP, and RTU or ASCII frames on a serial port or over TCP.
+/// Kind of bus for Modbus: Modbus TCP, and RTU or ASCII frames on a serial port or over TCP.
 pub(super) static KIND: BusKind = BusKind {
     types: &line::TYPES,
     line: line::resolve,

@@ -66,7 +66,7 @@ pub(crate) struct RawAxis {
     pub(super) model: Option<Vec<RawModel>>,
 }
 
-/// Fault action of an axis.
+/// Fault action of an axis, executed if no model or no output can be used.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 struct FaultAction {

@@ -22,7 +22,7 @@ pub(crate) mod transport;
 /// Message if `pipeline = 2` is combined with quirks that do not allow two requests at the same time.
 pub(crate) const APART: &str =
     "two requests at a time are not possible with `pause_between_requests` or `close_after_each`";
-/// One physical line.
+/// Bus: one physical line to which devices are connected.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 #[schemars(rename = "Bus")]

@@ -55,7 +55,7 @@ const ARM_TIMEOUT: Duration = Duration::from_secs(600);
 /// Longest timeout of a request to arm. An older request may not be what the operator wants now.
 const LONGEST_ARM_TIMEOUT: Duration = Duration::from_secs(24 * 3600);
 
-/// Condition for arming an axis.
+/// Whether axes are armed automatically, or only by the operator.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 #[schemars(rename = "ArmWord", description = "")]

@@ -179,7 +179,7 @@ impl Notify {
         let trusts = match (&self.ca, self.url.tls) {
             (_, false) => ", in plain text".to_owned(),
             (Some(ca), true) => format!(", trusting {}", ca.name),
-            (None, true) => ", trusting the authorities of this computer".to_owned(),
+            (None, true) => ", trusting the certificate authorities of this computer".to_owned(),
         };
         let form = self.body.as_ref().map_or("", |_| ", in the form of `body`");
         section.line(format!("  {} to {to}{with}{trusts}{form}: {on}", self.name));

@@ -33,7 +33,7 @@ const LISTEN: &str = "write host and port, as \"0.0.0.0:4840\"; port 0 selects a
 pub(crate) struct RawOpcUaServer {
     /// Host and port on which the server listens. Default "127.0.0.1:4840". Port 0 selects any free port.
     listen: Option<String>,
-    /// Least protection of the messages. "sign" also accepts encrypted messages.
+    /// Minimum security of the messages that the server requires. "sign" also accepts encrypted messages.
     #[schemars(required)]
     security: Option<Security>,
     /// Certificate of the server, in DER or PEM form, with a URI in its subjectAltName. Required unless `security` is
@@ -68,7 +68,7 @@ pub enum AnonymousClients {
 pub struct OpcUaServer {
     /// Host and port on which the server listens. Port 0 selects any free port.
     pub listen: String,
-    /// Least protection of the messages.
+    /// Minimum security of the messages that the server requires.
     pub security: Security,
     /// Certificate and key of the server. `None` without security.
     pub own: Option<(NamedFile, NamedFile)>,

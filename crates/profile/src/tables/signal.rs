@@ -126,7 +126,7 @@ pub(crate) struct RawSignal {
     pub(crate) frame: Option<RawFrame>,
 }
 
-/// Channel of a template.
+/// Channel of a device template, by number or name.
 #[derive(Debug, Deserialize)]
 #[serde(untagged)]
 #[allow(dead_code, reason = "resolved before the profile is checked")]

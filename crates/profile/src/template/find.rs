@@ -32,13 +32,13 @@ pub(super) struct Definition {
     pub(super) quirks: Option<Value>,
     pub(super) channels: Vec<Channel>,
     pub(super) targets: Vec<Channel>,
-    /// Groups of checks, as written.
+    /// Groups of checks, by name, as the template file contains them.
     pub(super) checks: Vec<(String, Group)>,
     pub(super) set: Option<Value>,
     pub(super) heartbeat: Option<Value>,
     /// Path of the DBC file, relative to the profile.
     pub(super) dbc: Option<String>,
-    /// Keys of a CANopen node.
+    /// Settings of a CANopen node in the template. `None` if it has none.
     pub(super) node: Option<Group>,
 }
 
@@ -139,7 +139,7 @@ impl Definition {
         match (variant, variants.is_empty()) {
             (None, true) => {}
             (None, false) => {
-                let message = format!("template `{name}` has variants: which one is it?");
+                let message = format!("template `{name}` has variants: write the `variant` of this device");
                 return Err(("template", message, format!("write variant = \"…\": {}", titles(&variants))));
             }
             (Some(_), true) => {

@@ -47,7 +47,7 @@ pub(super) fn resolve(
     };
     let (value, of_value) = value;
     if matches!(of_value, DataType::Bool | DataType::Bit(_)) {
-        return at.reject("a bit has no scale", "remove this key: it is for a number");
+        return at.reject("a bit has no scale", "remove this key: only a number has a scale");
     }
     let first = value.address.offset;
     let is_inside = (first..=first.saturating_add(of_value.registers() - 1)).contains(&address.offset);

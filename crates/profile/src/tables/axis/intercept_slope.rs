@@ -38,7 +38,10 @@ fn of_control(check: &Check<'_>, axis: &Axis, outputs: &[&Output]) -> Option<Int
     }
     for output in outputs.iter().filter(|output| !output.writes.is_apart()) {
         let message = "the slope would act twice: in this value and in the control";
-        let help = format!("give axis `{name}` either intercept, slope and reference, or this output");
+        let help = format!(
+            "for axis `{name}`, write either outputs for intercept, slope and reference, or this \
+             output"
+        );
         check.at("output").key(&output.name).key("writes").invalid(message, help);
     }
     for (writes, what) in [(Writes::Intercept, "K0"), (Writes::Slope, "tanβ"), (Writes::Reference, "P0")] {

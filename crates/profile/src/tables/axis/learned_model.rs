@@ -23,7 +23,7 @@ pub(in crate::tables) fn add_slots(check: &mut Check<'_>) {
         let of_axis = check.at("axis").key(&axis.settings.name);
         let at = of_axis.key("probe").key("learn");
         if let Some(place) = axis.settings.models.iter().position(|model| model.name == LEARNED) {
-            let help = "write another name: the model whose gains are learned has this name";
+            let help = "write another name: the model that the gateway learns has this name";
             let name = of_axis.key("model").item(place).key("name");
             name.invalid(format!("the name `{LEARNED}` is in use"), help);
         }

@@ -264,7 +264,7 @@ pub(super) fn preview(signals: &[Signal], axis: &Axis, settings: &ProbeSettings)
                     ". If it is better than the model in use, the gateway adopts it at the next datum"
                 }
             });
-            text.push_str("; Cz does not move at an adoption");
+            text.push_str("; the adoption of a model does not change Cz");
         }
     }
     text

@@ -1,4 +1,4 @@
-//! Checks of a device.
+//! Resolves and checks a table `[device.*]`.
 
 use super::{Device, DeviceParts, RawDevice};
 use crate::BusId;

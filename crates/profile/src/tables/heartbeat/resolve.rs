@@ -1,4 +1,4 @@
-//! Checks of the heartbeat.
+//! Resolves and checks the table `[heartbeat]`.
 
 use super::{Heartbeat, RawHeartbeat};
 use crate::DeviceId;

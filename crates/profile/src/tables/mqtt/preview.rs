@@ -15,7 +15,7 @@ impl Mqtt {
         let trusts = match (&self.ca, self.broker.tls) {
             (_, false) => "in plain text".to_owned(),
             (Some(ca), true) => format!("trusting {}", ca.name),
-            (None, true) => "trusting the authorities of this computer".to_owned(),
+            (None, true) => "trusting the certificate authorities of this computer".to_owned(),
         };
         let shows = self.own.as_ref().map(|(cert, _)| cert.name.as_str());
         let with = shows.map_or(String::new(), |cert| format!(", own certificate {cert}"));

@@ -1,4 +1,4 @@
-//! Checks of an output.
+//! Resolves and checks a table `[output.*]`.
 
 use super::share::Share;
 use super::{Output, RawOutput, Target, writes};

@@ -17,7 +17,7 @@ pub(crate) enum VerifyWord {
 pub enum Verify {
     /// The written register, object or node is read after the write.
     ReadBack,
-    /// The answer of the device to the write repeats address and value.
+    /// A write is verified if the answer of the device repeats address and value.
     Echo,
     /// The value is read from this CANopen object, which has the type of the written value.
     ReadBackAt(Object),

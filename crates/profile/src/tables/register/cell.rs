@@ -26,7 +26,7 @@ pub enum Bits {
     All,
     /// One bit, 0 to 15.
     One(u8),
-    /// Adjacent bits, from the first to the last. The bits of two registers are 0 to 31.
+    /// Adjacent bits: the numbers of the first and the last bit. In two registers, bits have the numbers 0 to 31.
     Range(u8, u8),
 }
 

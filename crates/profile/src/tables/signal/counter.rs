@@ -40,7 +40,7 @@ struct RawCapture {
 pub struct Capture {
     /// Coil or holding register of the same device.
     pub address: Register,
-    /// Value that is written. A coil distinguishes only zero and not zero.
+    /// Value that is written. For a coil, 0 means off, and any other value on.
     pub value: u16,
 }
 

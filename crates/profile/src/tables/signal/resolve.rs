@@ -1,4 +1,4 @@
-//! Checks of a signal.
+//! Resolves and checks a table `[signal.*]`.
 
 use std::time::Duration;
 

@@ -86,7 +86,7 @@ fn resolve(raw: &RawModel, at: &KeyContext<'_>) -> Option<Kind> {
         ("carries", "write what the guideway carries: \"tool\" or \"work\""),
     ];
     for (key, help) in needs.into_iter().filter(|(key, _)| !at.has(key)) {
-        at.key(key).missing(format!("`{key}` is missing: a matrix needs it"), help);
+        at.key(key).missing(format!("`{key}` is missing: a model of kind \"matrix\" needs this key"), help);
     }
     let position = at.key("position").position(raw.position.as_ref());
     let inputs = in_order((raw.inputs.as_ref(), raw.reference), at, None);

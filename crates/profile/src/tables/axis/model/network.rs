@@ -143,9 +143,9 @@ fn radial(file: RadialFile) -> Result<(Net, Option<Vec<String>>), String> {
 
 fn resolve(raw: &RawModel, at: &KeyContext<'_>) -> Option<Kind> {
     let help = "write inputs = [ … ], the signals in the network's order";
-    at.key("inputs").missing("`inputs` is missing: a network needs them", help);
+    at.key("inputs").missing("`inputs` is missing: a network needs its input signals", help);
     let help = "write file = \"spindle.onnx\", or a .json of the project's own format, next to the profile";
-    at.key("file").missing("`file` is missing: a network needs it", help);
+    at.key("file").missing("`file` is missing: a network needs the file with its coefficients", help);
     let inputs = in_order((raw.inputs.as_ref(), raw.reference), at, Some(Reference::Fixed(Celsius::ZERO)));
     let (name, at) = (raw.file.as_deref()?, at.key("file"));
     let bytes = bytes(raw.sha256.as_ref(), "file", &at, name)?;

@@ -25,7 +25,7 @@ pub(crate) struct RawModel {
     /// Name of the model, shown on the web page and in the log.
     #[schemars(required)]
     pub(in crate::tables::axis) name: Option<String>,
-    /// Kind of calculation.
+    /// Kind of model: "linear" (sum of terms), "formula", "matrix" or "network".
     #[schemars(required, schema_with = "kinds")]
     pub(super) kind: Option<String>,
     /// Only for kind = "linear": Cz in µm if every rise is zero. Default 0.
