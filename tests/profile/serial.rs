@@ -116,7 +116,7 @@ fn two_buses_on_one_serial_line_are_refused_whether_on_a_port_or_through_tcp() {
         let second = format!("[bus.second]\n{line}\n\n[device.module]\nbus = \"second\"");
         let text = GRINDER.replacen(TCP, &line, 1).replacen("[device.module]\nbus = \"cell\"", &second, 1);
         let error = only_error(&text, &format!("bus.second.{key}"), "\"");
-        assert!(error.to_string().contains(&format!("the bus `cell` has this {key}")), "{error}");
+        assert!(error.to_string().contains(&format!("the bus `cell` already has this {key}")), "{error}");
     }
 }
 

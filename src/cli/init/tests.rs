@@ -388,7 +388,10 @@ fn a_line_with_modbus_ascii_is_offered_on_a_port_and_through_a_serial_server() {
     let refused = refused.unwrap_err().to_string();
     assert!(refused.contains("the line of the module, which has other frames"), "{refused}");
     for (written, why) in [
-        ("modbus-ascii:///dev/ttyUSB0?baud=19200", "write modbus-ascii:///dev/ttyUSB0: baud rate"),
+        (
+            "modbus-ascii:///dev/ttyUSB0?baud=19200",
+            "write only modbus-ascii:///dev/ttyUSB0: further questions",
+        ),
         ("modbus-ascii+tcp://192.168.0.10", "write modbus-ascii+tcp://192.168.0.10:4001"),
     ] {
         let refused = Line::parse(written).unwrap_err();

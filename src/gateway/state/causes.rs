@@ -218,7 +218,7 @@ fn lacking(
         .into(),
         Unusable::MachineOff => Explained::new("no machine start seen yet", RUN_IT),
         Unusable::NotANumber => Explained::new(
-            "the result of the model is not a finite number",
+            "the model's result is invalid",
             "check the coefficients of the model and the values of its signals",
         ),
     }

@@ -267,7 +267,7 @@ mod tests {
         let left = texts(&journal);
         assert_eq!(
             left[left.len() - 2],
-            "the disk did not save 6 events in time: the saved events have a gap: check whether the \
+            "the disk did not save 6 events in time: the saved events have a gap; check whether the \
              disk is full, slow or broken"
         );
         assert_eq!(left[left.len() - 1], format!("number {} is saved again", many + 1));

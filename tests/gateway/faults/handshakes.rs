@@ -104,7 +104,7 @@ fn an_acknowledge_that_does_not_come_is_reported_and_the_axis_holds_until_it_doe
     let reported = texts(&trace, "acknowledge-missing");
     assert_eq!(
         reported,
-        ["acknowledge signal of output cnc_z did not come within 500 ms (discrete:20): check that \
+        ["acknowledge signal of output cnc_z did not come within 500 ms (discrete:20); check that \
              the control's program runs and reads this strobe signal. If it does, raise `timeout` of the handshake"],
         "{}",
         trace.lines()
@@ -147,7 +147,7 @@ fn an_acknowledge_that_does_not_drop_is_reported_and_nothing_is_written_while_it
     assert_eq!(
         reported,
         ["acknowledge signal of output cnc_z did not drop within 500 ms after the strobe signal \
-             (discrete:20): check that the \
+             (discrete:20); check that the \
              control's program drops the acknowledge signal when the strobe signal drops"],
         "{}",
         trace.lines()
@@ -156,7 +156,7 @@ fn an_acknowledge_that_does_not_drop_is_reported_and_nothing_is_written_while_it
     assert_eq!(
         early,
         ["acknowledge signal of output cnc_z was up before the strobe signal and did not drop within 500 \
-             ms (discrete:20): \
+             ms (discrete:20); \
              check that the control's program drops the acknowledge signal when the strobe signal drops"],
         "{}",
         trace.lines()

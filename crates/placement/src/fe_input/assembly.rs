@@ -179,8 +179,8 @@ fn next(card: &Card, open: &Block, blocks: &mut Blocks, faults: &mut Faults) -> 
         ("ENDPART", Block::Part(_)) | ("ENDASSEMBLY", Block::Assembly) => Ok(Block::Model),
         ("ENDINSTANCE", Block::Instance) => Ok(Block::Assembly),
         (_, open) => Err(card.fault(format!(
-            "the card is in a wrong place, {}: parts and the assembly follow each other, each with its *END card, \
-             and an instance is inside the assembly",
+            "the card is in a wrong place, {}. Parts and the assembly follow each other, each with its *END card. \
+             An instance is inside the assembly",
             match open {
                 Block::Model => "outside of all blocks",
                 Block::Part(_) => "inside a part",

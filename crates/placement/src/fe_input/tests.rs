@@ -290,7 +290,10 @@ fn a_card_after_the_step_is_said_to_be_in_a_wrong_place_and_not_to_be_unknown() 
     ] {
         let said = with("*END STEP\n", &format!("*END STEP\n{card}\n"));
         let keyword = card.split(['\n', ',']).next().unwrap();
-        assert_eq!(said.lines().next(), Some(format!("case.inp:40: {keyword}: must be {belongs}").as_str()));
+        assert_eq!(
+            said.lines().next(),
+            Some(format!("case.inp:40: {keyword}: the card must be {belongs}").as_str())
+        );
         assert!(!said.contains("did you mean"), "{said}");
     }
 }

@@ -160,7 +160,8 @@ fn a_file_in_the_place_of_another_is_named_with_what_to_do() {
          identify machine.toml day.csv`"
     );
     assert!(
-        said(FileKind::Eds, FileKind::Dbc).starts_with("this is an EDS file, not a DBC file; it describes")
+        said(FileKind::Eds, FileKind::Dbc)
+            .starts_with("this is an EDS file, not a DBC file; this file describes")
     );
     assert!(said(FileKind::Kcd, FileKind::Dbc).contains("`cantools convert THIS_FILE module.dbc`"));
     assert!(said(FileKind::Profile, FileKind::Log).contains("a profile, not a log; give the profile first"));

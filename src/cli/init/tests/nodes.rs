@@ -107,7 +107,7 @@ fn a_wrong_answer_about_a_server_is_asked_for_again_with_the_reason() {
     let (answers, shown) = of_nodes(&lines);
     assert_eq!(answers, of_nodes(NODES).0);
     for why in [
-        "opc.tcp://cnc is an OPC UA server, which is asked later",
+        "opc.tcp://cnc is the address of an OPC UA server, which a later question asks for",
         "`ns=2` has no `;`",
         "f64 a Double",
         "allowed: i8, u8",
