@@ -30,11 +30,15 @@ Each is acknowledged with a line. Every tenth of a second each value is stamped 
 
 import argparse
 import asyncio
+import gc
 import os
 import sys
 import time
 from datetime import datetime, timedelta, timezone
 from pathlib import Path
+
+# Half of the time of a start goes into searches for garbage while the address space grows, and each test starts a server.
+gc.disable()
 
 from asyncua import Server, ua
 from asyncua.server.internal_session import InternalSession, SessionState
@@ -165,6 +169,8 @@ async def main():
         chunk, chunks, message = (int(number) for number in arguments.buffers.split(","))
         server.limits = TransportLimits(chunk, chunk, chunks, message)
     await server.init()
+    gc.freeze()
+    gc.enable()
     server.set_endpoint(f"opc.tcp://127.0.0.1:{arguments.port}")
     policies = [ua.SecurityPolicyType.NoSecurity]
     if arguments.cert:
