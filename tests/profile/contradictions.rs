@@ -123,7 +123,7 @@ fn figures_that_contradict_each_other_are_reported_with_both() {
         "action = \"hold\"",
         "axis.z.on_fault.after",
         "\"60s\"",
-        &["only action = \"ramp\" has `after`"],
+        &["`after` is allowed only with action = \"ramp\""],
     );
 }
 
@@ -192,7 +192,13 @@ fn a_page_for_the_network_wants_a_token() {
         "\"0.0.0.0",
         &["token_file"],
     );
-    refused("listen = \"127.0.0.1:0\"", "listen = \"8080\"", "web.listen", "\"8080\"", &["host and port"]);
+    refused(
+        "listen = \"127.0.0.1:0\"",
+        "listen = \"8080\"",
+        "web.listen",
+        "\"8080\"",
+        &["not a host with a port"],
+    );
     assert!(with("listen = \"127.0.0.1:0\"", "listen = \"[::1]:8080\"").is_ok());
     for key in ["token_file", "viewer_token_file", "scrape_token_file"] {
         let key = format!("listen = \"0.0.0.0:80\"\nplain = true\n{key} = \"/etc/token\"");
@@ -311,11 +317,11 @@ fn a_timeout_as_long_as_anything_is_due_on_its_line_is_one_warning_whatever_that
         (
             "timeout = \"300ms\"",
             "timeout = \"2s\"",
-            "device `counter` is read every 400ms, the heartbeat is due every 500ms",
+            "device `counter` is read every 400ms, the heartbeat is written every 500ms",
         ),
         ("every = \"10s\"", "every = \"200ms\"", "axis `z` is written every 200ms"),
         ("refresh = \"2s\"", "refresh = \"100ms\"", "output `cnc_z` is refreshed every 100ms"),
-        ("every = \"500ms\"", "every = \"250ms\"", "the heartbeat is due every 250ms"),
+        ("every = \"500ms\"", "every = \"250ms\"", "the heartbeat is written every 250ms"),
     ] {
         match with(from, to) {
             Ok(loaded) => {
@@ -424,7 +430,7 @@ fn what_a_control_applies_is_read_elsewhere_and_of_a_whole_offset_alone() {
     assert_eq!((applied.address.to_string(), applied.settle.as_millis()), ("input:112".to_owned(), 500));
     assert_eq!(applied.encoding.scale, output.encoding.scale, "as the output's, where nothing else is said");
     let reported = |text: &str| parse(text).unwrap_err().to_string();
-    assert!(reported(&with("\"6004:00\"")).contains("only for CAN"));
+    assert!(reported(&with("\"6004:00\"")).contains("only on CAN"));
     assert!(reported(&with("{ register = \"coil:3\" }")).contains("cannot hold an offset"));
     assert!(reported(&with("{ tolerance = 0.2 }")).contains("`register` is missing"));
     assert!(

@@ -359,8 +359,9 @@ fn an_envelope_belongs_to_any_model_and_says_what_happens_outside() {
     let envelope = loaded.profile.axes[0].settings.models[0].envelope.as_ref().unwrap();
     assert_eq!((envelope.outside(), envelope.inputs().len()), (Outside::Shrink, 2));
     let reported = reported(&loaded);
-    let words = "identified on bed 20 … 30 °C, (wheelhead − its value at machine start) 0 … 9 °C, within 3.0";
-    assert!(reported.contains(words) && reported.contains("Cz is reduced"), "{reported}");
+    let words = "identified on bed 20 … 30 °C, (wheelhead − its value at machine start) 0 … 9 °C, up to a \
+                 Mahalanobis distance of 3.0";
+    assert!(reported.contains(words) && reported.contains("the gateway reduces Cz"), "{reported}");
     let exact =
         e(&ENVELOPE.replace("\"min\": 20, \"max\": 30", "\"min\": 20.123456789, \"max\": 30.98765432"))
             .unwrap();
@@ -410,8 +411,8 @@ fn halves_of_another_model_are_refused_with_the_term() {
         (
             "2.8",
             "2.9",
-            "another model: term 1 of the model is bed with a gain of 2.4, but the mean of the halves is \
-             2.45",
+            "another model: term 1 of the model is bed with a gain of 2.4, but the mean of the gains in the \
+             two halves is 2.45",
         ),
         ("360", "0", "term 1 of the model is bed with a lag of 6m, but the file has bed with a lag of 0 s"),
         (
@@ -454,15 +455,15 @@ fn stand_ins_say_who_is_watched_and_for_whom_others_stand_in() {
         of(&loaded).watched().map(|(_, replaces)| replaces).collect::<Vec<_>>(),
         [Replaces::FrozenOrLost, Replaces::Nothing]
     );
-    let words = "2 sensors are checked for frozen readings; if frozen or lost, other sensors replace bed; no other sensors \
-                 replace wheelhead";
+    let words = "2 sensors are checked for frozen readings; other sensors replace a frozen or lost bed; no \
+                 other sensors replace wheelhead";
     assert!(reported(&loaded).contains(words), "{}", reported(&loaded));
     let one = watched(&STAND_INS.replace(", { \"signal\": \"scale_z\", \"lag_s\": 0, \"gain\": 0.001 }", ""));
     let one = of(&one);
     assert!(one.watched().all(|(_, replaces)| replaces == Replaces::Nothing), "one other is too few");
     let unfit = watched(&STAND_INS.replace("\"stands_in\": true", "\"stands_in\": false"));
     assert_eq!(of(&unfit).watched().next().unwrap().1, Replaces::Frozen);
-    let words = "only if frozen, not if lost, other sensors replace bed";
+    let words = "other sensors replace a frozen, but not a lost bed";
     assert!(reported(&unfit).contains(words), "{}", reported(&unfit));
     assert_eq!(of(&loaded), of(&watched(STAND_INS)), "the same file is the same");
     let other = of(&watched(&STAND_INS.replace("0.31", "0.32")));

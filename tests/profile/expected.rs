@@ -37,7 +37,7 @@ fn what_is_no_variance_is_refused_at_its_line() {
             "[-0.9, 1.1]",
             "since_datum",
             "[-0.9, 1.1]",
-            "-0.9 and 1.1 are no variance: both must be 0 or more",
+            "[-0.9, 1.1] does not describe a variance: both numbers must be 0 or more",
         ),
         ("[0.8, 0.2]", "[0.8, -0.2]", "since_touch", "[0.8, -0.2]", "a·h + b µm²"),
         ("[0.8, 0.2]", "[0.8]", "since_touch", "[0.8]", ""),

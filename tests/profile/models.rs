@@ -39,7 +39,7 @@ fn a_lag_a_slope_levels_and_a_datum_are_taken() {
          Cz changes by +0.7 µm",
         "beyond ±30 µm the gateway warns",
         "a model value beyond ±60 µm switches the axis off until it is armed",
-        "Cz is measured from the last zero",
+        "Cz is the change since the last zero command",
     ] {
         assert!(reported.contains(words), "`{words}` is not in:\n{reported}");
     }
@@ -88,7 +88,7 @@ fn a_slope_has_a_position_in_mm_a_reference_and_terms_in_um_per_mm() {
             "gain = 0.007",
             "expansion = 11.5e-6, length = 300",
             "slope.terms[0].expansion",
-            "neither `expansion` nor `length`",
+            "`expansion` and `length` are not allowed",
         ),
     ] {
         let found = errors(slope(from, to));
@@ -102,8 +102,8 @@ fn a_slope_has_a_position_in_mm_a_reference_and_terms_in_um_per_mm() {
 
 #[test]
 fn warn_limit_and_error_stand_in_this_order() {
-    refused("rate = 0.5", "rate = 0.5\nwarn = 50.0", "axis.z.warn", "50.0", &["beyond the limit of 40"]);
-    refused("rate = 0.5", "rate = 0.5\nerror = 30.0", "axis.z.error", "30.0", &["within the limit of 40"]);
+    refused("rate = 0.5", "rate = 0.5\nwarn = 50.0", "axis.z.warn", "50.0", &["more than the limit of 40"]);
+    refused("rate = 0.5", "rate = 0.5\nerror = 30.0", "axis.z.error", "30.0", &["less than the limit of 40"]);
     refused("rate = 0.5", "rate = 0.5\nwarn = -1.0", "axis.z.warn", "-1.0", &["not above zero"]);
 }
 

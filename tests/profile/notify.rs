@@ -56,7 +56,7 @@ fn a_token_in_the_address_has_a_file_and_the_address_is_shown_without_both() {
     let line = "  notify[0] to https://hooks.example, with the token in hook.token as a part of the address, trusting";
     assert!(said.contains(line), "{said}");
     let error = only_error(&posts(&within), "notify[0].url", "\"https");
-    assert!(error.to_string().contains("the address has a place for a token"), "{error}");
+    assert!(error.to_string().contains("the address has a placeholder for a token"), "{error}");
     assert!(error.help.unwrap().contains("`token_file`"));
 }
 
@@ -96,7 +96,7 @@ fn what_is_wrong_with_an_address_is_said_and_what_is_secret_of_it_is_not() {
     for (to, words) in [
         ("https://me:hidden@hooks.example/", "must not have a user or a password"),
         ("ftp://me:hidden@hooks.example/?hidden", "does not begin with https:// or http://"),
-        ("https://hooks.example:0/?hidden", "no port that is valid"),
+        ("https://hooks.example:0/?hidden", "an invalid port"),
         ("https://hooks.example/?hidden#x", "after `#`"),
     ] {
         is_refused(url, to, "notify[0].url", "\"", &[words]);
@@ -165,7 +165,7 @@ fn a_body_that_cannot_be_filled_is_rejected_with_a_hint() {
     for (body, words, help) in [
         ("'{machine}: {text}'", "this is not JSON", "inside quotation marks"),
         ("'{\"text\": \"{mashine}\"}'", "a message has no field `mashine`", "did you mean `machine`?"),
-        ("'{\"{text}\": 1}'", "the key `{text}` has the place `{text}`", "only texts can have places"),
+        ("'{\"{text}\": 1}'", "the key `{text}` contains the placeholder `{text}`", "only in values"),
     ] {
         let error = only_error(&posts(&format!("{TABLE}body = {body}\n")), "notify[0].body", body);
         assert!(error.message.contains(words), "{error}");

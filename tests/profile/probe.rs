@@ -54,7 +54,7 @@ fn a_probe_becomes_final_types_and_is_explained_in_words() {
          changes",
         "A positive error lowers the model's Cz by 0.5 of the error, in all by at most 10 µm",
         "beyond ±5 µm the gateway warns; the gains of linear models are adjusted by up to ±20.000 % each",
-        "`isotherm learn` learns a model from them",
+        "`isotherm learn` learns a model from these errors",
     ] {
         assert!(reported.contains(words), "`{words}` is not in:\n{reported}");
     }
@@ -66,10 +66,14 @@ fn a_probing_is_weighed_unless_the_profile_names_a_share() {
         (
             "",
             Filter::Weighed { repeat: 0.5, walk: 4.0 },
-            "each probing ±0.5 µm, the correction 4 µm² more each hour",
+            "±0.5 µm per probing, and a variance that grows by 4 µm² per hour",
         ),
         ("repeat = 0.2\n", Filter::Weighed { repeat: 0.2, walk: 4.0 }, "each probing ±0.2 µm"),
-        ("q = 0.81\n", Filter::Weighed { repeat: 0.5, walk: 0.81 }, "the correction 0.81 µm² more each hour"),
+        (
+            "q = 0.81\n",
+            Filter::Weighed { repeat: 0.5, walk: 0.81 },
+            "a variance that grows by 0.81 µm² per hour",
+        ),
         ("filter = 1.0\n", Filter::Share(1.0), "by 1 of the error"),
     ] {
         let text = probed(&WHOLE.replacen("filter = 0.5\n", written, 1));
@@ -133,7 +137,7 @@ fn each_mistake_is_reported_at_its_place() {
         ("filter = 0.5", "filter = 0.5\nrepeat = 0.3", "repeat", "repeat", "remove `filter`"),
         ("filter = 0.5", "filter = 0.5\nq = 0.3", "q", "q", "remove `filter`"),
         ("max_error = 25.0", "max_error = -1.0", "max_error", "-1.0", "not above zero"),
-        ("warn = 5.0", "warn = 26.0", "warn", "26.0", "beyond the max_error of 25 µm"),
+        ("warn = 5.0", "warn = 26.0", "warn", "26.0", "more than the `max_error` of 25 µm"),
         ("warn = 5.0", "warm = 5.0", "warm", "warm", "did you mean `warn`?"),
         ("forgetting = 0.98", "forgetting = 1.01", "gains.forgetting", "1.01", "above 0 and up to 1"),
         (", limit = 0.2", ", limit = 1.0", "gains.limit", "1.0", "a gain never changes its sign"),
@@ -190,8 +194,9 @@ fn an_axis_that_learns_has_one_more_model_with_every_temperature() {
     assert_eq!((of_signal("bed"), of_signal("wheelhead"), of_signal("probe_z")), (4, 0, 0));
     assert!(model.numbers().all(|number| number.abs() < 1e-300), "nothing is learned yet");
     let reported = isotherm_profile::preview::Preview::of(&machine).to_string();
-    let words = "once a day, the gateway learns a model from them without wheelhead. If it is better than the model \
-                 in use, the gateway adopts it at the next datum; the adoption of a model does not change Cz";
+    let words = "once a day, the gateway learns a model from these errors without wheelhead. If it is better \
+                 than the model in use, the gateway adopts it at the next datum; the adoption of a model \
+                 does not change Cz";
     assert!(reported.contains(words), "`{words}` is not in:\n{reported}");
     assert!(!reported.contains("learned:"), "the model without gains is not listed:\n{reported}");
 }
@@ -232,7 +237,7 @@ fn mistakes_about_learning_are_reported_at_their_places() {
             "learn = \"daily\"\nlearn_without = [\"bed\", \"wheelhead\"]\n",
             "learn_without",
             "[",
-            "remove a sensor from the list",
+            "remove a sensor from `learn_without`",
         ),
     ] {
         let error = only_error(&learning(keys), &format!("axis.z.probe.{key}"), at);

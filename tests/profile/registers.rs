@@ -156,7 +156,7 @@ fn a_scale_in_another_register_is_read_with_the_value_and_explained() {
         let from = signal.scale_from.as_ref().unwrap();
         assert_eq!((from.meaning, from.address.to_string().as_str()), (meaning, place));
         let reported = isotherm_profile::preview::Preview::of(&loaded.profile).to_string();
-        for words in [words, "after a change of its scale until it is plausible again"] {
+        for words in [words, "after a change of the scale until a reading is plausible again"] {
             assert!(reported.contains(words), "`{words}` is not in:\n{reported}");
         }
         // One request reads the inputs of the module.

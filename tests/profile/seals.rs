@@ -68,7 +68,12 @@ fn what_seals_nothing_or_is_no_seal_is_refused() {
         "kind = \"linear\"\nterms = [ {{ signal = \"bed\", gain = 2, reference = 0.0 }} ]\nsha256.halves = \"{}\"",
         sha256(b"")
     );
-    refused_at(&none, &[], ".sha256.halves", &["the model has no `halves` for this SHA-256"]);
+    refused_at(
+        &none,
+        &[],
+        ".sha256.halves",
+        &["the model has a SHA-256 for the file `halves`, but no key `halves`"],
+    );
     let short = sealed().replace(&sha256(HALVES.as_bytes()), "cafe");
     refused_at(&short, &FILES, ".sha256.halves", &["64 hex digits", "`sha256sum h.json` prints"]);
     let other = format!("{}\nsha256.nets = \"\"", sealed());

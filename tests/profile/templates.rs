@@ -238,7 +238,7 @@ fn a_control_that_follows_only_so_fast_bounds_step_and_period_of_its_axis() {
         found.iter().map(|error| (error.key.as_str(), error.message.as_str())).collect();
     assert_eq!(
         reported[0],
-        ("axis.z.step", "a step of 2 µm is larger than the step that `cnc` can follow, 1 µm"),
+        ("axis.z.step", "a step of 2 µm is larger than 1 µm, the largest step that `cnc` can follow"),
         "{reported:?}"
     );
     assert_eq!(

@@ -2,9 +2,9 @@
 //! effects.
 //!
 //! Registers that are close to each other in one table share a request, even if a few registers in between are not
-//! needed. A request costs a round trip, a register only two bytes. A device that rejects requests with unused
-//! registers needs `max_gap = 0`. If a device returns a wrong value when a register is read together with others, the
-//! signal needs `merge = false`.
+//! needed. Each request costs a round trip, but each register only two bytes. A device that rejects requests with
+//! unused registers needs `max_gap = 0`. If a device returns a wrong value when a register is read together with
+//! others, the signal needs `merge = false`.
 //!
 //! The scale of a value may be in another register. It is read with the value in one request, if the limit and the gap
 //! of the device allow that.
@@ -24,10 +24,11 @@ mod request;
 pub(crate) use request::numbered;
 pub use request::{Field, FieldContent, ReadRequest, ReadTarget, Subscription, summary};
 
-/// Plans the fewest requests that read these signals of one device, in the order of tables and addresses. Requests that
-/// contain the scale of a value in another request come last.
+/// Plans the fewest requests that read these signals of one device, in the order of register tables and addresses. A
+/// request for a scale comes last if the value of the signal is in another request.
 ///
-/// A value of several registers is never split, even if it is longer than the device's limit.
+/// A value in several registers is never split into two requests, even if the device accepts fewer registers in one
+/// request.
 pub fn plan<'a>(
     device: &Device,
     signals: impl IntoIterator<Item = (SignalId, &'a Signal)>,
@@ -48,7 +49,7 @@ impl Profile {
         plan(self.device(device), self.signals_of(device))
     }
 
-    /// Read requests of one poll of a device, without those for CANopen objects.
+    /// Read requests of one poll of a device, without the requests for CANopen objects.
     pub fn register_requests(&self, device: DeviceId) -> Vec<ReadRequest> {
         let is_object = |request: &ReadRequest| matches!(request.asks, ReadTarget::Object(_));
         self.requests(device).into_iter().filter(|request| !is_object(request)).collect()

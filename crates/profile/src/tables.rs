@@ -1,8 +1,8 @@
 //! Tables of a profile, one file each: the keys as written, the resolved form, the checks, and the preview of `isotherm
 //! check`.
 //!
-//! A table that cannot be resolved leaves a gap in its list. The indices of the other tables, and the checks on them,
-//! then stay correct. If any table has an error, the result is no profile.
+//! A table with an error is `None` in the list of its kind, so that the indices of the other tables stay correct. If
+//! any table has an error, the check returns no profile.
 
 use std::cell::RefCell;
 use std::collections::BTreeMap;
@@ -99,7 +99,7 @@ impl RawProfile {
 }
 
 impl Check<'_> {
-    /// Resolves all tables, in a fixed order because each step uses the results of those before it.
+    /// Resolves all tables, in a fixed order because each step uses the results of earlier steps.
     fn profile(&mut self, path: PathBuf) -> Option<Profile> {
         let raw = self.raw;
         self.check_names();
@@ -174,7 +174,8 @@ impl Check<'_> {
         tables.names.iter().map(|name| resolve(raw.get(name)?, self, &all.key(name), name)).collect()
     }
 
-    /// Returns the keys that a layer may set only with the permission `allow_override`.
+    /// Returns the keys that a layer above the profile file (local file, environment, `--set`) may set only if
+    /// `allow_override` lists them.
     fn guarded_keys(&self) -> Vec<String> {
         let names: [(&str, &[String]); 7] = [
             ("axis", &self.axes.names),
@@ -219,7 +220,7 @@ impl Check<'_> {
                     ("signal", signal, message)
                 }
                 Clash::OfDates { signal } => {
-                    why = "programs would read its values as dates";
+                    why = "programs would read the values in this column as dates";
                     let message = format!("`{signal}` is the name of a column with dates in a log");
                     ("signal", signal, message)
                 }

@@ -118,7 +118,7 @@ fn check_says_what_is_published_and_online_whether_the_broker_is_there() {
     for line in [
         "  changed values at most every 200ms, all values at least every 1m; each event once",
         "    isotherm/press/signal/bed0 … isotherm/press/signal/bed99 (100)",
-        "    isotherm/press/event (not kept by the broker; all others are)",
+        "    isotherm/press/event (not retained by the broker; all other topics are retained)",
         "  accepts no commands: the gateway subscribes to no topic",
     ] {
         assert!(said.contains(line), "{line}\n{said}");

@@ -30,40 +30,40 @@ pub enum ReadTarget {
     },
     /// Object of a CANopen node.
     Object(Object),
-    /// Nodes of an OPC UA server. Each is a field of the answer.
+    /// Nodes of an OPC UA server. Each node is one field of the answer.
     Nodes(Vec<Node>),
     /// Latest values that the server has sent for the subscribed nodes.
     Subscription(Subscription),
-    /// Sensors of this computer. Each is a field of the answer.
+    /// Sensors of this computer. Each sensor is one field of the answer.
     Sensors(Vec<PcSensor>),
-    /// Values in lines of text that the same request returns. Each is a field of the answer.
+    /// Values in lines of text that the same request returns. Each value is one field of the answer.
     Texts(Vec<TextValue>),
 }
 
-/// Nodes whose values an OPC UA server sends when they change. Each is a field of the answer.
+/// Nodes whose values an OPC UA server sends when they change. Each node is one field of the answer.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Subscription {
     /// Subscribed nodes.
     pub nodes: Vec<Node>,
     /// Interval at which the server samples the nodes.
     pub every: Duration,
-    /// Smallest `max_age` (maximum age of a reading) of the signals.
+    /// Smallest `max_age` (maximum age of a reading) among the signals of the subscribed nodes.
     pub max_age: Duration,
     /// Whether the server also sends a value if only its timestamp changed. The timestamp then shows when the value was
     /// measured.
     pub by_stamp: bool,
 }
 
-/// Position of one value in an answer. The value is that of a signal, or the scale of the signal.
+/// Field of an answer: kind, position and length of a signal's value or scale.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Field {
-    /// Signal at this position.
+    /// Signal that the field belongs to.
     pub signal: SignalId,
-    /// Content of the registers at this position.
+    /// Kind of content: the value of the signal, or its scale.
     pub content: FieldContent,
-    /// First register, bit or node, counted from the beginning of the answer.
+    /// Index of the field's first register, bit or node, counted from the beginning of the answer.
     pub at: u16,
-    /// Number of registers or bits. For a node, those of its value.
+    /// Number of registers or bits in the field. For an OPC UA node, the number of registers for a value of its type.
     pub len: u16,
 }
 
@@ -88,14 +88,15 @@ impl Field {
     }
 }
 
-/// Numbers the fields in the order of the list, from 0. The number is the position in the answer.
+/// Sets the position of each field in the answer: 0, 1, 2, … in the order of the list. Returns the fields and their
+/// targets as two lists.
 pub(crate) fn numbered<T>(parts: Vec<(Field, T)>) -> (Vec<Field>, Vec<T>) {
     parts.into_iter().zip(0..).map(|((field, part), at)| (Field { at, ..field }, part)).unzip()
 }
 
 impl ReadTarget {
-    /// Returns how many registers, bits, nodes, sensors or texts the target has, with the noun in the singular. A
-    /// CANopen object has none.
+    /// Returns the number of registers, bits, nodes, sensors or texts in the target, and their name in the singular.
+    /// The number is 0 for a CANopen object.
     fn cells(&self) -> (usize, &'static str) {
         match self {
             ReadTarget::Registers { from, count } if from.table.is_bits() => (usize::from(*count), "bit"),
@@ -111,7 +112,8 @@ impl ReadTarget {
 }
 
 impl ReadRequest {
-    /// Returns the first register or bit, and the number of them. `None` if the target is not in registers.
+    /// Returns the first register or bit, and the number of registers or bits. `None` if the target is not in
+    /// registers.
     pub const fn span(&self) -> Option<(Register, u16)> {
         if let ReadTarget::Registers { from, count } = self.asks { Some((from, count)) } else { None }
     }

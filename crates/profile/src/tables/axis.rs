@@ -1,4 +1,5 @@
-//! `[axis.*]`: models, limits and fault action of an axis.
+//! `[axis.*]`: models, limits and fault action of an axis. Cz is the compensation value of the axis, which the gateway
+//! calculates from a model and writes to the control.
 
 use schemars::JsonSchema;
 use serde::Deserialize;
@@ -23,12 +24,12 @@ pub(crate) mod learning;
 pub(crate) mod model;
 pub(crate) mod probe;
 
-/// Compensated axis.
+/// Axis of the machine, whose thermal error the gateway compensates.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 #[schemars(rename = "Axis")]
 pub(crate) struct RawAxis {
-    /// Display name of the axis in any script, shown next to its name.
+    /// Display name of the axis in any writing system, for example Chinese. It is shown next to the name.
     label: Option<String>,
     /// Largest absolute value of Cz, the compensation of the axis, µm.
     #[schemars(required, extend("x-layers" = "less"))]
@@ -41,20 +42,20 @@ pub(crate) struct RawAxis {
     rate: Option<f64>,
     /// Smallest change of Cz that is made, µm. Smaller changes are ignored. Default 0.
     deadband: Option<f64>,
-    /// Period in which Cz is updated.
+    /// Period of the updates of Cz.
     #[schemars(required)]
     pub(super) every: Option<Timespan>,
     /// Action if no model or no output can be used.
     #[schemars(required, extend("x-layers" = "same"))]
     on_fault: Option<FaultAction>,
     /// Absolute value of Cz above which the gateway warns, µm; at most `limit`. The warning is reported when Cz crosses
-    /// this level, and not repeated while Cz stays above.
+    /// this level, and not repeated while Cz stays above it.
     warn: Option<f64>,
     /// Absolute value of the model's result above which the axis executes its fault action, µm; at least `limit`. The
     /// axis then stays off until it is armed.
     error: Option<f64>,
-    /// Zero point of Cz. With "zero", Cz is the change of the model's value since the last zero (time at which the
-    /// operator set the zero). Default: the model's own zero.
+    /// Zero point of Cz. With "zero", Cz is the change of the model's value since the last zero command. Default: the
+    /// model's own zero point.
     datum: Option<DatumWord>,
     /// Whether the offset is a diameter, as for X of a lathe. Cz is then doubled when written. Default false.
     #[schemars(extend("x-layers" = "arrives"))]
@@ -70,8 +71,8 @@ pub(crate) struct RawAxis {
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 struct FaultAction {
-    /// Action. "hold" keeps the last value. "ramp" keeps it for `after`, then returns to zero at `rate`. "zero" returns
-    /// to zero at once, in steps of `step`.
+    /// Fault action. "hold" keeps the last Cz. "ramp" keeps the last Cz for `after`, then moves Cz to zero at `rate`.
+    /// "zero" moves Cz to zero at once, in steps of `step`.
     #[schemars(required)]
     action: Option<FaultActionWord>,
     /// Time before the ramp during which the last value is kept. Required for "ramp".
@@ -93,14 +94,14 @@ enum DatumWord {
     Zero,
 }
 
-/// Purpose of an axis.
+/// Purpose of an axis: compensation, or the release of a register.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Purpose {
     /// The axis compensates the error of its machine axis.
     #[default]
     Compensation,
-    /// The axis does not compensate. It only removes Cz from a register that no output uses any longer. A profile file
-    /// cannot contain such an axis.
+    /// The axis does not compensate. It only removes an earlier Cz from a register that no output uses any longer. A
+    /// profile file cannot contain such an axis.
     Release,
 }
 
@@ -149,7 +150,7 @@ impl Axis {
             sign += "; the position is a diameter, so twice Cz is written";
         }
         if self.settings.datum == Datum::Zero {
-            sign += "; Cz is measured from the last zero";
+            sign += "; Cz is the change since the last zero command";
         }
         let (limit, step, every, rate) =
             (guard.limit.get(), guard.step.get(), shown(self.settings.every), guard.rate.get());
@@ -187,7 +188,7 @@ impl Axis {
         section
     }
 
-    /// Returns whether the axis has a model. Without one it stays off.
+    /// Returns whether the axis has a model. An axis without a model stays off.
     pub fn has_model(&self) -> bool {
         !self.settings.models.is_empty()
     }
@@ -300,19 +301,21 @@ impl RawAxis {
         Datum::Zero
     }
 
-    /// Checks and resolves the levels, which must satisfy warn ≤ limit ≤ error.
+    /// Checks and resolves the levels `warn`, `limit` and `error` of Cz, which must satisfy warn ≤ limit ≤ error.
     fn levels(&self, at: &KeyContext<'_>) -> Option<Levels> {
         let warn = level(&at.key("warn"), self.warn);
         let error = level(&at.key("error"), self.error);
         if let Some(limit) = self.limit.filter(|limit| *limit > 0.0) {
             if let Some(warn) = self.warn.filter(|warn| *warn > limit) {
                 let help = "Cz never reaches this level: make `warn` smaller, or `limit` larger";
-                at.key("warn")
-                    .invalid(format!("warn at {warn} µm lies beyond the limit of {limit} µm"), help);
+                at.key("warn").invalid(
+                    format!("`warn` is {warn} µm, which is more than the limit of {limit} µm"),
+                    help,
+                );
             }
             if let Some(error) = self.error.filter(|error| *error > 0.0 && *error < limit) {
                 let help = "the limit would never be reached: make `error` larger, or `limit` smaller";
-                let message = format!("error at {error} µm lies within the limit of {limit} µm");
+                let message = format!("`error` is {error} µm, which is less than the limit of {limit} µm");
                 at.key("error").invalid(message, help);
             }
         }
@@ -324,8 +327,10 @@ impl FaultAction {
     fn resolve(&self, at: &KeyContext<'_>) -> Option<OnFault> {
         let action = self.action?;
         if action != FaultActionWord::Ramp && self.after.is_some() {
-            at.key("after")
-                .invalid("only action = \"ramp\" has `after`", "remove `after`, or write action = \"ramp\"");
+            at.key("after").invalid(
+                "`after` is allowed only with action = \"ramp\"",
+                "remove `after`, or write action = \"ramp\"",
+            );
         }
         match action {
             FaultActionWord::Hold => Some(OnFault::Hold),
@@ -340,7 +345,8 @@ impl FaultAction {
     }
 }
 
-/// Resolves an optional level. Returns `Some(None)` if the profile has none, and `None` if the level is invalid.
+/// Resolves an optional level of Cz. Returns `Some(None)` if the profile does not state the level, and `None` if the
+/// level is invalid.
 fn level(at: &KeyContext<'_>, level: Option<f64>) -> Option<Option<Micron>> {
     match level {
         Some(_) => at.positive(level).map(Micron::new),

@@ -1,4 +1,5 @@
-//! `[bus.*]`: one physical line.
+//! `[bus.*]`: one bus line through which the gateway reaches devices. Examples are a serial port, a TCP connection, a
+//! CAN interface, an OPC UA server, and the sensors of this computer.
 
 use std::time::Duration;
 
@@ -27,7 +28,7 @@ pub(crate) const APART: &str =
 #[serde(deny_unknown_fields)]
 #[schemars(rename = "Bus")]
 pub(crate) struct RawBus {
-    /// Type of the line.
+    /// Type of the bus line: its protocol and transport.
     #[serde(rename = "type")]
     #[schemars(required)]
     pub(crate) kind: Option<BusType>,
@@ -39,8 +40,8 @@ pub(crate) struct RawBus {
     /// Timeout of an answer. Default "500ms", or half the shortest period of reads and writes on the line if that is
     /// less. Default on a sysfs line "2s", on a serial-ascii line "1s".
     pub(crate) timeout: Option<Timespan>,
-    /// Time during which a write without an answer may still arrive, from `timeout` to "10min". Default "30s"; on a
-    /// serial port twice `timeout`, because no network delays the write.
+    /// Time during which a write without an answer may still arrive at the device, from `timeout` to "10min". Default
+    /// "30s"; on a serial port twice `timeout`, because no network delays the write.
     pub(crate) late: Option<Timespan>,
     /// Certificate files of a modbus-tcp line with Modbus/TCP Security.
     pub(crate) tls: Option<RawTls>,
@@ -66,7 +67,7 @@ pub(crate) struct RawBus {
     pub(crate) data_bits: Option<u8>,
     /// Network interface of a CAN line, for example "can0".
     pub(crate) interface: Option<String>,
-    /// SYNC that the gateway sends on a CAN line. Default: none.
+    /// SYNC message that the gateway sends on a CAN line. Default: none.
     #[schemars(extend("x-layers" = "arrives"))]
     pub(crate) sync: Option<RawSync>,
     /// Protection of the messages on an opcua line. The strongest security policy that both ends support is used.
@@ -96,16 +97,16 @@ pub(crate) struct RawSync {
     pub(crate) every: Option<Timespan>,
 }
 
-/// Type of a line: its word in the profile, its keys, and whether several buses may share it.
+/// Type of a bus line: its name in the profile, its keys, and whether several buses may share the physical line.
 pub(crate) struct LineType {
-    /// Word in the key `type`.
+    /// Value of the key `type` for this type of line.
     pub(crate) word: BusType,
-    /// Name of the line in the preview.
+    /// Name of this type of line in the preview.
     pub(crate) title: &'static str,
     /// Keys of the table `OWNERS` that lines of this type may have.
     pub(crate) keys: &'static [&'static str],
-    /// Key by which a physical line is recognised, for example `port`. Only one bus may have the same value, because
-    /// two buses would receive each other's answers. `None` if several clients can use a line of this type.
+    /// Key whose value identifies the physical line, for example `port`. Two buses must not have the same value,
+    /// because they would receive each other's answers. `None` if several buses can use the same physical line.
     pub(crate) exclusive: Option<&'static str>,
     /// Assumed time from a request until the device begins its answer, including the network.
     pub(crate) answer: Duration,
@@ -139,7 +140,7 @@ pub struct Bus {
     pub opcua: Option<Box<OpcUa>>,
     /// Timeout for an answer and for connecting.
     pub timeout: Duration,
-    /// Time during which a write without an answer may still arrive. Never less than `timeout`.
+    /// Time during which a write without an answer may still arrive at the device. Never less than `timeout`.
     pub late: Duration,
     /// Largest number of requests that wait for an answer at the same time, 1 or 2.
     pub pipeline: u8,
@@ -170,7 +171,7 @@ impl Bus {
         let kind = if self.tls.is_some() { "Modbus TCP inside TLS (Modbus/TCP Security)" } else { title };
         let (name, address, timeout, late) =
             (&self.name, &self.address, shown(self.timeout), shown(self.late));
-        let late_writes = || format!("a write that is not answered may still arrive for {late}");
+        let late_writes = || format!("a write without an answer may still arrive for {late}");
         let mut section = Section::default();
         section.line("");
         section.line(format!("bus {name}: {kind} at {address}, timeout {timeout}"));

@@ -1,6 +1,7 @@
-//! Interface of a kind of bus, through which the tables, the plan and the preview use it.
+//! Interface of a kind of bus, for example Modbus or CAN. The tables, the plan and the preview use a kind of bus only
+//! through this interface.
 //!
-//! The tables know this type only. `kinds` contains one value for each kind, and the list of all.
+//! The module `kinds` contains one [`BusKind`] for each kind of bus, and the list of all kinds.
 
 use std::time::Duration;
 
@@ -19,7 +20,8 @@ use crate::{BusId, Profile, Signal};
 use isotherm_core::codec::Address;
 use isotherm_core::reading::SignalId;
 
-/// Keys that are not allowed, the name of the tables that may have them, and a hint. The last two are used in messages.
+/// Keys that are not allowed, the name of the tables that may have them, and a hint. Messages contain the name and the
+/// hint.
 pub(crate) type ForeignKeys = (&'static [&'static str], &'static str, &'static str);
 
 /// Transport of a line, and its address. The address is `None` if it is invalid.
@@ -42,7 +44,7 @@ pub(crate) struct BusKind {
     pub(crate) types: &'static [LineType],
     /// Default timeout. `None` if the timeout is calculated from the periods on the line.
     pub(crate) timeout: Option<Duration>,
-    /// Message if the gateway cannot write to a line of this kind. `None` if it can.
+    /// Message if the gateway cannot write to a line of this kind. `None` if the gateway can write.
     pub(crate) only_read: Option<&'static str>,
     /// Whether the values of devices on this kind of bus are in registers.
     pub(crate) has_registers: bool,
@@ -68,13 +70,14 @@ pub(crate) struct BusKind {
     pub(crate) verify: fn(&RawVerify, &KeyContext<'_>, Functions) -> Option<Expected>,
     /// Keys that only signals on this kind of bus have.
     pub(crate) signal_keys: SignalKeys,
-    /// Hint for a signal with keys of another kind: the key to write for a signal on the named device.
+    /// Returns the hint for a signal with keys of another kind of bus. The hint says which key a signal of the named
+    /// device needs.
     pub(crate) signal_help: fn(&str) -> String,
-    /// Reports wrong combinations of keys of a signal on the named device. Returns those keys of other kinds that it
-    /// has reported.
+    /// Reports wrong combinations of keys of a signal on the named device. Returns the reported keys that belong to
+    /// other kinds of buses.
     pub(crate) check_signal: fn(&RawSignal, &KeyContext<'_>, &str) -> &'static [&'static str],
-    /// Returns whether a signal has a place on a line of this kind. Also returns `true` if the function `signal`
-    /// reports the missing place.
+    /// Returns whether a signal states where it is read on a line of this kind, for example a register. Also returns
+    /// `true` if the function `signal` reports the missing key.
     pub(crate) has_place: fn(&RawSignal) -> bool,
     /// Returns whether the value of a signal arrives without a request, so that no poll period limits its age.
     pub(crate) comes_by_itself: fn(&RawSignal) -> bool,
@@ -82,7 +85,8 @@ pub(crate) struct BusKind {
     pub(crate) signal: fn(&Check<'_>, &RawSignal, &KeyContext<'_>, Option<&Device>) -> Option<Located>,
     /// Reports the keys of an output that are not allowed on this kind of bus. The text is the name of its device.
     pub(crate) foreign_output_keys: fn(&RawOutput, &KeyContext<'_>, &str),
-    /// Resolves address and encoding of an output. The arguments are its name, and the index of its device.
+    /// Resolves address and encoding of an output. The last two arguments are the name of the output, and the index of
+    /// its device.
     pub(crate) output: fn(&Check<'_>, &RawOutput, &KeyContext<'_>, &str, Option<usize>) -> Option<Target>,
     /// Resolves the register or node of the heartbeat.
     pub(crate) heartbeat: fn(&RawHeartbeat, &KeyContext<'_>) -> Option<Address>,
@@ -92,7 +96,8 @@ pub(crate) struct BusKind {
     pub(crate) check: fn(&Check<'_>),
     /// Plans the requests that read these signals of one device. Signals on other kinds of buses are skipped.
     pub(crate) requests: fn(&Device, &SignalsOf<'_>) -> Vec<ReadRequest>,
-    /// Describes a device in the preview. The arguments are its period, and the summary of its requests.
+    /// Describes a device in the preview. The two texts are the poll period of the device, and the summary of its
+    /// requests.
     pub(crate) device_preview: fn(&Device, &str, &str) -> String,
     /// Sentence about reads and writes in the preview. `None` for the usual sentence, which says how long a write
     /// without an answer may still arrive.
@@ -101,14 +106,14 @@ pub(crate) struct BusKind {
     pub(crate) preview: fn(&Profile, BusId) -> Vec<(&'static str, Section)>,
     /// Returns whether a check (`verify`) could detect that this device has been replaced by another one.
     pub(crate) can_be_identified: fn(&Device) -> bool,
-    /// Returns the registers or other places of a written value as texts. The arguments are unit number, address, and
-    /// number of registers. Empty for an address of another kind.
+    /// Returns the registers or other places of a written value as texts. The arguments are Modbus unit identifier,
+    /// address, and number of registers. Empty for an address of another kind.
     pub(crate) written: fn(u8, &Address, u16) -> Vec<String>,
 }
 
 impl BusKind {
     /// Defaults for a kind of bus whose devices are polled. Each kind replaces the fields that differ, at least the
-    /// first ones.
+    /// fields from `types` to `requests`.
     pub(crate) const POLLED: BusKind = BusKind {
         types: &[],
         line: |_, _, _| None,
@@ -142,7 +147,7 @@ impl BusKind {
         written: |_, _, _| Vec::new(),
     };
 
-    /// Returns the type of line for this word. `None` if it belongs to another kind of bus.
+    /// Returns the type of line for this value of the key `type`. `None` if the type belongs to another kind of bus.
     pub(crate) fn line_type(&self, of: BusType) -> Option<&'static LineType> {
         self.types.iter().find(|known| known.word == of)
     }

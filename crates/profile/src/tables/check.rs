@@ -72,7 +72,7 @@ impl<T> Tables<T> {
         tables.filter_map(|(place, table)| Some((owner(table.as_ref()?)?, place))).collect()
     }
 
-    /// Takes all resolved tables out of the list. `None` if one of them has errors.
+    /// Takes all resolved tables out of the list. `None` if a table has errors.
     pub(super) fn whole(&mut self) -> Option<Vec<T>> {
         std::mem::take(&mut self.resolved).into_iter().collect()
     }
@@ -94,7 +94,8 @@ impl Check<'_> {
         self.kind_of_line(self.raw.bus.get(device.bus.as_ref()?)?)
     }
 
-    /// Returns the kind of a line. If its `type` is invalid, the kind is recognised by the other keys, or `None`.
+    /// Returns the kind of a line. If the `type` of the line is invalid, its other keys show the kind. `None` if the
+    /// other keys do not show the kind either.
     pub(super) fn kind_of_line(&self, line: &RawBus) -> Option<&'static BusKind> {
         self.kinds.iter().copied().find(|kind| match line.kind {
             Some(of) => kind.line_type(of).is_some(),

@@ -1,5 +1,5 @@
-//! Checks who uses registers and nodes. Registers of two tables must not overlap, and two tables must not write the
-//! same register or node.
+//! Checks which tables of the profile use the same registers or OPC UA nodes. The registers of two tables must not
+//! overlap, unless both read the same value. Two tables must not write the same register or node.
 
 use std::collections::hash_map::Entry;
 use std::collections::{BTreeSet, HashMap, HashSet};
@@ -10,14 +10,14 @@ use super::{Check, KeyContext};
 use crate::DeviceId;
 use isotherm_core::codec::{Address, DataType, NodeId, Register};
 
-/// For each register: indices of the claims that contain it. The key is the address of the line, the unit, and the
+/// Indices of the claims on each register. The key is the address of the bus line, the Modbus unit identifier, and the
 /// register.
 type Claimed<'c> = HashMap<(&'c str, u8, Register), Vec<usize>>;
 
-/// Registers that a table of the profile reads or writes.
+/// Claim on registers: a table of the profile reads or writes these registers.
 struct Claim<'c> {
-    /// Address of the line, and unit. Together they identify a physical device, which may have two names in the
-    /// profile.
+    /// Address of the bus line, and Modbus unit identifier. Together they identify a physical device, which may have
+    /// two names in the profile.
     device: (String, u8),
     address: Register,
     data_type: DataType,

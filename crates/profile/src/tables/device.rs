@@ -1,4 +1,4 @@
-//! `[device.*]`: one unit on a line, or one server.
+//! `[device.*]`: one device on a bus line: a Modbus unit, a CAN device, an OPC UA server, or sensors of this computer.
 
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -28,10 +28,10 @@ pub(crate) mod verify;
 #[serde(deny_unknown_fields)]
 #[schemars(rename = "Device", extend("x-layers" = "arrives"))]
 pub(crate) struct RawDevice {
-    /// Display name of the device in any script, shown next to its name.
+    /// Display name of the device in any writing system, for example Chinese. It is shown next to the name.
     #[schemars(extend("x-layers" = "free"))]
     label: Option<String>,
-    /// Line to which the device is connected.
+    /// Name of the bus to which the device is connected.
     #[schemars(required)]
     pub(crate) bus: Option<String>,
     /// Modbus unit identifier. Required on a Modbus line.
@@ -43,27 +43,27 @@ pub(crate) struct RawDevice {
     /// channels.
     template: Option<String>,
     /// Variant of the template, for example "T" for a thermocouple type.
-    #[allow(dead_code, reason = "resolved before the profile is checked")]
+    #[allow(dead_code, reason = "templates are resolved before the profile is checked")]
     variant: Option<String>,
     /// SHA-256 of the template, as `check` prints it. A different template, for example after an upgrade, is rejected.
     /// Default: any template is accepted.
-    #[allow(dead_code, reason = "resolved before the profile is checked")]
+    #[allow(dead_code, reason = "templates are resolved before the profile is checked")]
     sha256: Option<String>,
-    /// Number added to every register of the template, for a device on which the first register can be set.
-    #[allow(dead_code, reason = "resolved before the profile is checked")]
+    /// Number added to every register of the template, for a device whose first register can be configured.
+    #[allow(dead_code, reason = "templates are resolved before the profile is checked")]
     base: Option<u16>,
     /// Expected values for checks of the template on this device, by the name of the check. "unchecked" omits a check.
-    #[allow(dead_code, reason = "resolved before the profile is checked")]
+    #[allow(dead_code, reason = "templates are resolved before the profile is checked")]
     expect: Option<BTreeMap<String, ExpectValue>>,
     /// Function codes that the gateway may send to the device. Default: all.
     functions: Option<Vec<Function>>,
-    /// Quirks: special requirements of the device. They take precedence over those of the bus.
+    /// Quirks: special requirements of the device. They take precedence over the quirks of the bus.
     #[schemars(extend("x-layers" = "free"))]
     quirks: Option<RawQuirks>,
     /// CAN: DBC file next to the profile that describes the frames of the device.
     pub(crate) dbc: Option<String>,
-    /// CAN, with a DBC file: J1939 source address of the device. Its messages are parameter groups, and those of other
-    /// senders are ignored.
+    /// CAN, with a DBC file: J1939 source address of the device. The messages of the device are J1939 parameter groups.
+    /// Messages of other senders are ignored.
     pub(crate) source_address: Option<u8>,
     /// CANopen node number.
     #[schemars(range(min = 1, max = 127))]
@@ -82,9 +82,9 @@ pub(crate) struct RawDevice {
     /// Default: not monitored.
     #[schemars(extend("x-layers" = "free"))]
     pub(crate) heartbeat: Option<Timespan>,
-    /// CANopen: objects written before each start, in this order.
+    /// CANopen: objects that the gateway writes in this order before each start of the node.
     pub(crate) setup: Option<Vec<RawSetup>>,
-    /// CANopen: meanings of the device's emergency codes, in addition to those of CiA 301.
+    /// CANopen: meanings of the device's emergency codes, in addition to the codes of CiA 301.
     #[schemars(extend("x-layers" = "free"))]
     pub(crate) emergency: Option<Vec<RawEmergency>>,
     /// Registers (CANopen: objects) that are read before arming and in operation. A mismatch prevents arming, and makes
@@ -95,7 +95,7 @@ pub(crate) struct RawDevice {
 /// Expected value for a check of the template.
 #[derive(Debug, Deserialize)]
 #[serde(untagged)]
-#[allow(dead_code, reason = "resolved before the profile is checked")]
+#[allow(dead_code, reason = "templates are resolved before the profile is checked")]
 enum ExpectValue {
     Number(i64),
     Word(ExpectWord),
@@ -135,13 +135,13 @@ pub struct Device {
     pub every: Duration,
     /// Function codes that may be sent.
     pub functions: Functions,
-    /// Quirks: special requirements of the device, from the device or otherwise from its bus.
+    /// Quirks: special requirements of the device. A quirk that the device does not set has the value of its bus.
     pub quirks: Quirks,
     /// Registers, objects or nodes that are compared with expected values before arming and in operation.
     pub verify: Vec<Expected>,
-    /// Template of the device.
+    /// Template of the device. `None` if the device has none.
     pub template: Option<Box<Template>>,
-    /// Settings of a device on a CAN line.
+    /// Settings of a device on a CAN line. `None` on every other line.
     pub can: Option<CanDevice>,
     /// Meaning of an OPC UA server's timestamps. `None` on every other line.
     pub source_time: Option<SourceTime>,
@@ -166,8 +166,8 @@ impl Device {
         !self.verify.is_empty() || self.can.as_ref().is_some_and(|can| !can.setup.is_empty())
     }
 
-    /// Preview of the device: its description, its read requests, its checks with the bounds of undetected motion, and
-    /// its template.
+    /// Preview of the device: its description, its read requests, its checks, and its template. `bounds` states how far
+    /// each axis may move before a changed setting of the device is detected.
     pub(crate) fn preview(
         &self,
         (bus, described): (&str, &str),
@@ -246,6 +246,6 @@ impl Device {
     /// Reports that a function is missing in `functions` of this device. `needs` is the beginning of the message.
     pub(crate) fn lacks(&self, at: &KeyContext<'_>, needs: &str, functions: &str) {
         let help = format!("add {functions} to `functions` of the device, if the device supports it");
-        at.invalid(format!("{needs}, which is not among the `functions` of `{}`", self.name), help);
+        at.invalid(format!("{needs}, which is not among the `functions` of device `{}`", self.name), help);
     }
 }

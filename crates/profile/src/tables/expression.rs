@@ -29,8 +29,8 @@ pub(super) fn condition(at: &KeyContext<'_>, text: Option<&String>, of: Option<&
             for id in condition.signals() {
                 at.uses(id);
                 if of.is_some_and(|of| signals[id.0] == of) {
-                    let help =
-                        "name the status bit of the device; for the value itself write `range` or `bad`";
+                    let help = "use a signal with a status bit of the device; to reject values of this \
+                                signal, write `range` or `bad`";
                     at.invalid("the signal must not be in its own condition", help);
                 }
             }
@@ -64,7 +64,7 @@ pub(super) fn formula(
         let at = at.key("constants").key(name);
         check_symbol(&at, name);
         if symbols.insert(name.as_str(), Symbol::Constant(*number)).is_some() {
-            at.wrong_key(format!("`{name}` is also an input"), "give one of them another name");
+            at.wrong_key(format!("`{name}` is also an input"), "give the input or the constant another name");
         }
     }
     symbols.entry("t").or_insert(Symbol::Time);

@@ -1,4 +1,5 @@
-//! `handshake` of an output or an output set: a strobe signal and its acknowledgement.
+//! `handshake` of an output or an output set: after a write, the gateway sets a strobe signal, and the control
+//! acknowledges it.
 
 use std::fmt;
 use std::time::Duration;
@@ -161,7 +162,7 @@ impl fmt::Display for Bit {
 
 fn itself<T>(at: &KeyContext<'_>, strobe: &impl fmt::Display) -> Option<T> {
     let message = format!("{strobe} is the strobe signal itself, and would acknowledge at once");
-    at.reject(message, "name the bit that the control sets when it has accepted the value")
+    at.reject(message, "write the bit that the control sets when it has accepted the value")
 }
 
 fn flag(at: &KeyContext<'_>, place: Option<&Place>) -> Option<Flag> {

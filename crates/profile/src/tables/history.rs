@@ -23,10 +23,10 @@ pub(crate) struct RawHistory {
     /// Directory of the saved state (with the register ledger) and of the logs. Default: the state directory of the
     /// platform.
     directory: Option<String>,
-    /// Time for keeping logs, counted back from the date of the newest one. Default "90d".
+    /// Time for keeping logs, counted back from the date of the newest log. Default "90d".
     keep: Option<Timespan>,
-    /// Largest size of all logs together. If the logs exceed this size, the oldest are deleted, but never those of
-    /// today. Default "2GB".
+    /// Largest size of all logs together. If the logs exceed this size, the oldest logs are deleted, but never the logs
+    /// of today. Default "2GB".
     max_size: Option<Size>,
 }
 

@@ -28,8 +28,8 @@ pub(super) fn warn(check: &Check<'_>) {
         let at = check.at("axis").key(name);
         if lacks_model(check, name) {
             let message = format!("`{name}` has no model yet: the axis stays off");
-            let help = "record runs with `isotherm record`, find the model with `isotherm identify`, and put \
-                        the block of the model here";
+            let help = "record test runs with `isotherm record`, find the model with `isotherm identify`, \
+                        and put the block of the model here";
             at.warn_key(message, Some(help));
         }
         if is_complete && !written.contains(&index) {
@@ -61,8 +61,8 @@ fn two_at_a_time(check: &Check<'_>) {
     for (place, name) in check.buses.names.iter().enumerate() {
         let is_two = check.buses.get(place).is_some_and(|bus| bus.pipeline > 1);
         if is_two && !(written.contains(&place) && read.contains(&place)) {
-            let message = "`pipeline` has no effect here: this line has no written corrected position, or no \
-                           read signal";
+            let message = "`pipeline` has no effect here: on this bus, the gateway writes no corrected \
+                           position, or reads no signal";
             check.at("bus").key(name).key("pipeline").warn_key(message, Some("remove `pipeline`"));
         }
     }

@@ -1,5 +1,5 @@
-//! `label`: display name of a machine, an axis, a signal or a device, in any script. It is shown next to the name, and
-//! never replaces it.
+//! `label`: display name of a machine, an axis, a signal or a device, in any writing system, for example Chinese. It is
+//! shown next to the name, and never replaces the name.
 
 use super::KeyContext;
 

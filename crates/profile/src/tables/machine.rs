@@ -23,7 +23,7 @@ pub(crate) struct RawMachine {
     version: Option<u64>,
     /// Description of the machine in one line.
     description: Option<String>,
-    /// Display name of the machine in any script, shown next to its name.
+    /// Display name of the machine in any writing system, for example Chinese. It is shown next to the name.
     label: Option<String>,
     /// Signal whose rising edge starts `t`, the time since machine start. Default: the first good reading starts it.
     on: Option<String>,
@@ -39,10 +39,10 @@ pub(crate) struct RawMachine {
     /// Action on the registers when the gateway stops. "fault-action": the fault actions of the axes. "hold": the
     /// register values stay. Default "fault-action".
     on_stop: Option<OnStop>,
-    /// Keys that a layer above this file may set, although they protect an axis or change the data that the machine
-    /// receives. The manual's chapter on the profile marks these keys, for example "axis.z.limit", "machine.arm" and
-    /// "output.cnc_z.scale". Default: none. Layers may always reduce `limit`, `step` and `rate`, and set `arm` to
-    /// "manual".
+    /// Keys that layers above this file (local file, environment, `--set`) may set, although they protect an axis or
+    /// change the data that the machine receives. The manual's chapter on the profile marks these keys, for example
+    /// "axis.z.limit", "machine.arm" and "output.cnc_z.scale". Default: none. Layers may always reduce `limit`, `step`
+    /// and `rate`, and set `arm` to "manual".
     allow_override: Option<Vec<String>>,
 }
 

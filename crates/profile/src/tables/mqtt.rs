@@ -26,7 +26,7 @@ const EVERY: Duration = Duration::from_secs(1);
 const SHORTEST: Duration = Duration::from_millis(100);
 /// Default time after which unchanged values are published again.
 const REFRESH: Duration = Duration::from_secs(60);
-/// Default size of the buffer on disk in bytes, while the broker is unreachable.
+/// Default size in bytes of the buffer on disk, which stores values while the broker is unreachable.
 const BUFFER: u64 = 100_000_000;
 /// Largest length of a group or host in bytes. The length is limited because every message contains its topic.
 const LONGEST_NAME: usize = 100;
@@ -51,7 +51,8 @@ pub(crate) struct RawMqtt {
     every: Option<Timespan>,
     /// Time after which an unchanged value is published again. Default "1min".
     refresh: Option<Timespan>,
-    /// Size of the buffer on disk while the broker is unreachable, with format "sparkplug-b". Default "100MB".
+    /// Size of the buffer on disk, which stores values while the broker is unreachable, with format "sparkplug-b".
+    /// Default "100MB".
     buffer: Option<Size>,
     /// Name of the Sparkplug host that must be online before values are published, with format "sparkplug-b". While the
     /// host is offline, values and events are stored, and published later. Default: the gateway waits for no host.
@@ -129,7 +130,7 @@ pub struct Mqtt {
     pub every: Duration,
     /// Time after which an unchanged value is published again.
     pub refresh: Duration,
-    /// Size of the buffer on disk in bytes, while the broker is unreachable.
+    /// Size in bytes of the buffer on disk, which stores values while the broker is unreachable.
     pub buffer: u64,
     /// Name of the Sparkplug host that must be online before values are published. `None` if there is none.
     pub primary_host: Option<String>,
@@ -306,8 +307,8 @@ type Files = (Option<Option<NamedFile>>, Option<Option<(NamedFile, NamedFile)>>)
 
 impl RawMqttTls {
     fn resolve(&self, at: &KeyContext<'_>) -> Files {
-        let help = "name a PEM file next to the profile with the certificate of the broker, or of the \
-                    authority that signed it";
+        let help = "write the name of a PEM file next to the profile with the certificate of the broker, or \
+                    of the authority that signed it";
         let ca = optional(self.ca.as_ref(), |name| file(at, "ca", Some(name), help));
         let named = (self.cert.is_some() || self.key.is_some()).then_some((&self.cert, &self.key));
         (ca, optional(named, |(cert, key)| own_pair(at, cert.as_ref(), key.as_ref())))

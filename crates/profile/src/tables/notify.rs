@@ -55,9 +55,9 @@ pub(crate) struct RawNotify {
     /// `{token}` is the place of the token, if the token is a part of the address.
     #[schemars(required)]
     url: Option<String>,
-    /// Kinds of events that are posted, and five further words. "alarm" and "alarm-over": begin and end of an alarm.
-    /// "axis-off": an axis no longer follows its model. "unverified": a register value is not known, or differs from
-    /// the written value. "clock": the time of this computer was not as expected.
+    /// Events that are posted: kinds of events by their names, or one of the following words. "alarm" and "alarm-over":
+    /// begin and end of an alarm. "axis-off": an axis no longer follows its model. "unverified": a register value is
+    /// not known, or differs from the written value. "clock": the time of this computer was not as expected.
     #[schemars(required, schema_with = "words")]
     on: Option<Vec<String>>,
     /// File next to the profile with the token, not readable by others. The token is sent as `Authorization: Bearer …`,
@@ -94,7 +94,7 @@ pub struct Notify {
     pub on: Vec<&'static str>,
     /// File with the token; `None` if no token is sent.
     pub token_file: Option<PathBuf>,
-    /// Trusted certificates; `None` means those that this computer trusts.
+    /// Trusted certificates. `None` means the certificate authorities that this computer trusts.
     pub ca: Option<NamedFile>,
     /// Template of the posted JSON. `None` if a document with all fields is posted.
     pub body: Option<BodyTemplate>,
@@ -103,8 +103,11 @@ pub struct Notify {
 /// Resolves all servers. Reports every error.
 pub(super) fn resolve(at: &KeyContext<'_>, raw: &[RawNotify]) -> Vec<Notify> {
     if raw.len() > MOST {
-        let help = "configure one server to forward the messages to the others";
-        at.wrong_key(format!("{} servers are named; at most {MOST} are allowed", raw.len()), help);
+        let help = "configure one server to forward the messages to the other servers";
+        at.wrong_key(
+            format!("the profile has {} tables [[notify]]; at most {MOST} are allowed", raw.len()),
+            help,
+        );
         return Vec::new();
     }
     raw.iter().enumerate().filter_map(|(place, raw)| raw.resolve(&at.item(place), place)).collect()
@@ -120,12 +123,15 @@ impl RawNotify {
         if self.ca.is_some() && url.as_ref().is_some_and(|url| !url.tls) {
             at.not_applicable(&["ca"], "https", "remove this key, or write https:// in `url`");
         }
-        let help = "name a PEM file next to the profile with the certificate of the server, or of the \
-                    authority that signed it";
+        let help = "write the name of a PEM file next to the profile with the certificate of the server, or \
+                    of the authority that signed it";
         let ca = optional(self.ca.as_ref(), |name| NamedFile::read(&at.key("ca"), name, help));
         if self.token_file.is_none() && url.as_ref().is_some_and(Url::has_token) {
-            let help = "name the file with the token in `token_file`";
-            at.key("url").invalid("the address has a place for a token, but there is no `token_file`", help);
+            let help = "write the path of the token file into `token_file`";
+            at.key("url").invalid(
+                "the address has a placeholder for a token, but the key `token_file` is missing",
+                help,
+            );
         }
         at.key("token_file").secret(self.token_file.as_ref());
         if self.token_file.is_some() && url.as_ref().is_some_and(|url| !url.tls && !is_loopback(&url.host)) {
@@ -157,7 +163,7 @@ fn triggers(at: &KeyContext<'_>, written: &[String]) -> Option<Vec<&'static str>
         // The word has been checked against the schema.
         let known = TRIGGERS.into_iter().find(|known| known == word)?;
         if on.contains(&known) {
-            let help = "remove one of them: each event is posted once";
+            let help = "remove one of the two entries: each event is posted once";
             at.item(place).warn(format!("`{known}` is listed twice"), help);
         } else {
             on.push(known);

@@ -118,7 +118,7 @@ impl RawOpcUaServer {
             _ => AnonymousClients::Refused,
         };
         if self.users.is_empty() && anonymous == AnonymousClients::Refused {
-            let help = "name `users`, or write anonymous = true, so that each trusted client may read";
+            let help = "write `users`, or write anonymous = true so that each trusted client may read";
             at.wrong_key("no client may log in", help);
         }
         if let Some(listen) = &listen {
@@ -150,22 +150,22 @@ impl RawOpcUaServer {
         }
         let help = place.err().and_then(|why| why.help(PORT, str::to_owned));
         let help = help.unwrap_or_else(|| LISTEN.to_owned());
-        at.key("listen").reject(format!("`{listen}` is no host and port"), help)
+        at.key("listen").reject(format!("`{listen}` is not a host with a port"), help)
     }
 
     fn own(&self, at: &KeyContext<'_>) -> Option<(NamedFile, NamedFile)> {
-        let of_cert = "name the server's certificate, in DER or PEM form; `isotherm opcua certificate PROFILE \
-                       --server` creates this file";
-        let of_key = "name the private key of `cert`, in PEM form; `isotherm opcua certificate PROFILE \
-                      --server` creates both files";
+        let of_cert = "write the name of the file with the server's certificate, in DER or PEM form; \
+                       `isotherm opcua certificate PROFILE --server` creates this file";
+        let of_key = "write the name of the file with the private key of `cert`, in PEM form; `isotherm \
+                      opcua certificate PROFILE --server` creates both files";
         pair(at, (self.cert.as_ref(), of_cert), (self.key.as_ref(), of_key))
     }
 
     /// Reads the certificates in the named directory.
     fn trusted(&self, at: &KeyContext<'_>) -> Option<Vec<NamedFile>> {
         let at = at.key("trusted");
-        let help = "name a directory with the certificates of the trusted clients, one in each file, with the \
-                    ending .der, .crt or .pem";
+        let help = "write the name of a directory with the certificates of the trusted clients, one in each \
+                    file, with the ending .der, .crt or .pem";
         at.missing("`trusted` is missing: which clients are accepted?", help);
         let found = NamedFile::read_all(&at, self.trusted.as_ref()?, help)?;
         if found.is_empty() {

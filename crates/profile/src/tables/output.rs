@@ -1,4 +1,4 @@
-//! `[output.*]`: one value that is written.
+//! `[output.*]`: one value that the gateway writes to a device, for example the compensation value Cz of an axis.
 
 use std::time::Duration;
 
@@ -45,7 +45,7 @@ pub(crate) struct RawOutput {
     #[schemars(required)]
     pub(crate) device: Option<String>,
     /// Target of the device's template, which sets register, type and scale.
-    #[allow(dead_code, reason = "resolved before the profile is checked")]
+    #[allow(dead_code, reason = "templates are resolved before the profile is checked")]
     channel: Option<ChannelValue>,
     /// Quantity that is written. "corrected": position + Cz. "offset": Cz. "intercept", "slope" and "reference": K0
     /// (µm), tanβ (µm/mm) and P0 (mm), for a control that applies K0 + tanβ·(P − P0) itself.
@@ -67,9 +67,9 @@ pub(crate) struct RawOutput {
     pub(crate) sdo: Option<String>,
     /// CAN frame that is written, for example { id = 0x300, start = 0, length = 32, order = "little", signed = true }.
     pub(crate) frame: Option<RawFrame>,
-    /// Other place for verification. Modbus: the register in which the control reports the applied value. Process data
-    /// and frames: the CANopen object that reads the written value, of the same length, for example "6004:00". Required
-    /// for process data and frames, except for a display.
+    /// Place from which a write is verified, if it differs from the written place. Modbus: the register in which the
+    /// control reports the applied value. Process data and frames: the CANopen object that contains the written value,
+    /// with the same length, for example "6004:00". Required for process data and frames, except for a display.
     pub(crate) read_back: Option<ReadBackValue>,
     /// Order of the registers. Required for 32 bits and more.
     pub(crate) word_order: Option<WordOrderWord>,
@@ -80,8 +80,8 @@ pub(crate) struct RawOutput {
     scale: Option<f64>,
     /// Number added to the raw count. Default 0.
     bias: Option<i64>,
-    /// Verification of a write. "read-back" reads the value again. "echo" accepts the answer of the device; an offset
-    /// outside of an output set is read back all the same if possible. Default "read-back".
+    /// Verification of a write. "read-back" reads the value again. "echo" accepts the answer of the device. With
+    /// "echo", an offset outside of an output set is still read back if possible. Default "read-back".
     pub(crate) verify: Option<VerifyWord>,
     /// Period for writing an unchanged value again.
     #[schemars(extend("x-layers" = "free"))]
@@ -92,7 +92,7 @@ pub(crate) struct RawOutput {
     /// register ledger on disk stores the gateway share (part of the value that the gateway has added). Default
     /// "whole".
     pub(crate) share: Option<Share>,
-    /// Set of the output: outputs of one device that the control receives together.
+    /// Name of the output set that contains this output. The control receives all outputs of a set together.
     pub(super) set: Option<String>,
     /// Handshake for each write: the gateway sets a strobe signal, and the control acknowledges it.
     pub(super) handshake: Option<RawHandshake>,
@@ -139,15 +139,15 @@ pub struct Output {
     pub verify: Verify,
     /// Period for writing an unchanged value again.
     pub refresh: Option<Duration>,
-    /// Interlock: condition for writing.
+    /// Interlock: condition for writing. `None` if the output has no interlock.
     pub when: Option<Condition>,
     /// Output set to which the output belongs. An output with its own handshake has an output set of its own.
     pub set: Option<SetId>,
-    /// Signal that changes at every start of the CNC.
+    /// Signal that changes at every start of the CNC. `None` if the profile names no boot counter.
     pub boot_counter: Option<SignalId>,
     /// Who writes to the register: only the gateway, or an operator too.
     pub share: Share,
-    /// Register in which the control reports the applied value. `None` if it reports none.
+    /// Register in which the control reports the applied value. `None` if the control does not report the value.
     pub applied: Option<Applied>,
     /// Additional registers of a digit display, and its text while there is no value.
     pub display: Display,
@@ -167,8 +167,8 @@ pub struct Stated {
 }
 
 impl Output {
-    /// Returns whether the output belongs to no output set and is written with the period of its axis. A position plus
-    /// Cz is not: it is written when the position is read.
+    /// Returns whether the output is written alone and with the period of its axis. `false` for an output in an output
+    /// set, and for a position plus Cz, which is written when the position is read.
     pub fn is_single_offset(&self) -> bool {
         let is_offset = self.writes.is_scheduled();
         is_offset && self.set.is_none()
@@ -182,7 +182,7 @@ impl Output {
     }
 
     /// Returns the address from which the value is read back. This is the written address, unless the profile names a
-    /// CANopen object for it.
+    /// CANopen object for reading back.
     pub fn reads_at(&self) -> Address {
         match self.verify {
             Verify::ReadBackAt(object) => Address::Object(object),

@@ -205,7 +205,7 @@ pub(crate) fn one(register: Register) -> DataType {
     if register.table.is_bits() { DataType::Bool } else { DataType::U16 }
 }
 
-/// Returns "count" or "unit", to which a scale applies. A node with a floating-point type has no counts.
+/// Returns the noun for the preview of a scale: "count", or "unit" for an OPC UA node with a floating-point type.
 pub(crate) fn one_of(address: &Address) -> &'static str {
     match address.node().map(|node| node.taken_as().integer_range()) {
         Some(None) => "unit",
@@ -308,7 +308,8 @@ pub(crate) fn not_only_read(at: &KeyContext<'_>, data_type: Option<DataType>) ->
     None
 }
 
-/// Returns whether only signals in Modbus registers can have this type, so that displays, objects and nodes cannot.
+/// Returns whether only signals in Modbus registers can have this type, so that displays, CANopen objects and OPC UA
+/// nodes cannot have it.
 pub(crate) const fn is_of_registers(data_type: DataType) -> bool {
     matches!(data_type, DataType::Bcd(_) | DataType::SignMagnitude(_))
 }

@@ -15,8 +15,8 @@ pub(crate) fn of_profile() -> Value {
     settings.into_generator().into_root_schema_for::<RawProfile>().to_value()
 }
 
-/// Removes null from the schema, because TOML has no null: an optional key is simply absent. Replaces a choice of
-/// documented words by a list of words.
+/// Removes null from the schema, because TOML has no null: an optional key is simply absent. Replaces a `oneOf` of
+/// constant words by an `enum` of these words.
 fn without_null(schema: &mut Schema) {
     let Some(object) = schema.as_object_mut() else { return };
     if let Some(Value::Array(words)) = object.get("oneOf") {

@@ -152,9 +152,9 @@ impl OutputSet {
         !is_whole && (self.heartbeat.is_some() || self.control.is_some())
     }
 
-    /// Returns the longest time without a write of heartbeat and control word. After a write without an answer, they
-    /// wait until that write can no longer arrive, and for the next set. `None` if they can be written without the
-    /// outputs.
+    /// Returns the longest time between two writes of heartbeat and control word. After a write without an answer, the
+    /// gateway waits until this write can no longer arrive, and then for the next write of the set. `None` if heartbeat
+    /// and control word can be written without the outputs.
     fn longest_silence(&self, profile: &Profile) -> Option<Duration> {
         let has_own = self.heartbeat.is_some() || self.control.is_some();
         (has_own && !self.has_own_words_apart()).then(|| {
@@ -205,7 +205,8 @@ impl OutputSet {
             ("version", &version),
             (
                 "sequence",
-                "counts up with every complete set, 1 to 65535; the control accepts the set when it changes",
+                "counts up with every complete set, 1 to 65535; the control accepts the set when this \
+                 register changes",
             ),
             ("complement", "sum of all other words of the set in 16 bits, inverted"),
         ] {
@@ -218,8 +219,8 @@ impl OutputSet {
             silence.map(|silence| {
                 let span = duration_text(silence);
                 format!(
-                    "    heartbeat and control word wait for a late write, {span} at most: the control's \
-                     watchdog must be longer"
+                    "    after a write without an answer, heartbeat and control word are not written for up \
+                     to {span}: the control's watchdog must be longer"
                 )
             }),
         );

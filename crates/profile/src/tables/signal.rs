@@ -1,4 +1,4 @@
-//! `[signal.*]`: one value that is read.
+//! `[signal.*]`: one value that the gateway reads from a device, for example a temperature.
 
 use std::time::Duration;
 
@@ -36,14 +36,14 @@ pub(crate) mod unit;
 #[serde(deny_unknown_fields)]
 #[schemars(rename = "Signal", extend("x-layers" = "arrives"))]
 pub(crate) struct RawSignal {
-    /// Display name of the signal in any script, shown next to its name.
+    /// Display name of the signal in any writing system, for example Chinese. It is shown next to the name.
     #[schemars(extend("x-layers" = "free"))]
     label: Option<String>,
     /// Device from which the signal is read.
     #[schemars(required)]
     pub(crate) device: Option<String>,
     /// Channel of the device's template, by number or name.
-    #[allow(dead_code, reason = "resolved before the profile is checked")]
+    #[allow(dead_code, reason = "templates are resolved before the profile is checked")]
     channel: Option<ChannelValue>,
     /// Register as table and zero-based address ("input:0", "holding:84", "coil:1", "discrete:3"), or as one-based
     /// Modicon number ("30001"). "input:50.3" is bit 3 of a register, and "input:50.4-7" the number in bits 4 to 7.
@@ -81,7 +81,7 @@ pub(crate) struct RawSignal {
     /// Modbus: register that contains the number of decimals of the value, for example "holding:12". 1 means that the
     /// value is a tenth of `scale` times the count.
     pub(crate) decimals_from: Option<String>,
-    /// Engineering value of raw zero. Default 0.
+    /// Engineering value of the raw count 0. Default 0.
     pub(crate) offset: Option<f64>,
     /// Raw values that mean "no measurement", compared before scaling: [-32768]. They may have a meaning: [{ raw =
     /// -512, means = "open circuit" }].
@@ -103,7 +103,7 @@ pub(crate) struct RawSignal {
     /// false.
     #[schemars(extend("x-layers" = "free"))]
     difference: Option<bool>,
-    /// Largest age of a reading. An older one is stale. Default: five polls, and at least three timeouts.
+    /// Largest age of a reading. An older reading is stale. Default: five polls, and at least three timeouts.
     #[schemars(extend("x-layers" = "free"))]
     max_age: Option<Timespan>,
     /// Condition on other signals under which this signal is bad, for example "bed_open == 1".
@@ -129,7 +129,7 @@ pub(crate) struct RawSignal {
 /// Channel of a device template, by number or name.
 #[derive(Debug, Deserialize)]
 #[serde(untagged)]
-#[allow(dead_code, reason = "resolved before the profile is checked")]
+#[allow(dead_code, reason = "templates are resolved before the profile is checked")]
 pub(super) enum ChannelValue {
     Number(u16),
     Name(String),
@@ -141,8 +141,8 @@ fn units(_: &mut SchemaGenerator) -> Schema {
     schemars::json_schema!({ "type": "string", "enum": Unit::WORDS })
 }
 
-/// Signal of the profile, after all its keys were checked. A profile may have thousands of signals, so the settings of
-/// few are boxed.
+/// Signal of the profile, after all its keys were checked. Rarely used settings are boxed, because a
+/// profile may have thousands of signals.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Signal {
     /// Name in the profile.
@@ -163,7 +163,7 @@ pub struct Signal {
     pub range: Option<(f64, f64)>,
     /// Largest plausible change per second that the profile states.
     pub max_rate: Option<f64>,
-    /// Limits of a temperature that apply because neither the profile nor its template states others.
+    /// Default limits of a temperature. They apply if the profile and its template state no limits.
     pub defaults: DefaultLimits,
     /// Whether the value is a difference of two temperatures.
     pub is_difference: bool,
@@ -180,21 +180,22 @@ pub struct Signal {
 }
 
 impl Signal {
-    /// Returns whether a value is within the plausible range: that of the profile or template, or the default.
+    /// Returns whether a value is within the plausible range: the range of the profile or template, or the default
+    /// range.
     pub fn is_plausible(&self, value: f64) -> bool {
         let (low, high) = self.plausible_range();
         (low..=high).contains(&value)
     }
 
-    /// Returns the smallest and the largest plausible value: those of the profile or template, or the default. Infinity
-    /// stands for no limit.
+    /// Returns the smallest and the largest plausible value: the limits of the profile or template, or the default
+    /// limits. Infinity stands for no limit.
     pub fn plausible_range(&self) -> (f64, f64) {
         let default = || self.defaults.range.map(DefaultRange::bounds);
         self.range.or_else(default).unwrap_or((f64::NEG_INFINITY, f64::INFINITY))
     }
 
-    /// Returns the largest plausible change per second: that of the profile, or the default. `None` if there is no
-    /// limit.
+    /// Returns the largest plausible change per second: the limit of the profile, or the default limit. `None` if there
+    /// is no limit.
     pub fn rate_limit(&self) -> Option<f64> {
         self.max_rate.or(self.defaults.max_rate)
     }
@@ -288,7 +289,7 @@ impl Signal {
             format!("after a step faster than {speed} {unit} per second until the next reading confirms it")
         }));
         if self.scale_from.is_some() {
-            doubts.push("after a change of its scale until it is plausible again".to_owned());
+            doubts.push("after a change of the scale until a reading is plausible again".to_owned());
         }
         doubts.push(format!("older than {}", shown(self.max_age)));
         doubts.extend(self.fault_when.as_ref().map(|condition| format!("when {}", condition.text)));

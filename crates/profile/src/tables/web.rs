@@ -30,14 +30,15 @@ pub(crate) struct RawWeb {
     viewer_token_file: Option<String>,
     /// File with the token of a collector such as Prometheus. It gives access to /metrics only.
     scrape_token_file: Option<String>,
-    /// Source of commands through web page and API. "token": holders of the operator's token (default). "local": also
-    /// every user of this computer.
+    /// Clients that may send commands through web page and API. "token": holders of the operator's token (default).
+    /// "local": also every user of this computer.
     commands: Option<Commands>,
     /// Names under which the web page may be opened without a token, in addition to localhost and its addresses.
     #[serde(default)]
     hosts: Vec<String>,
-    /// Addresses or networks of proxies in front of the web page, as "10.0.0.7" or "10.0.0.0/24". Only from them the
-    /// headers `Forwarded` and `X-Forwarded-…` are used. Requests from these addresses always need a token.
+    /// Addresses or networks of proxies in front of the web page, as "10.0.0.7" or "10.0.0.0/24". The headers
+    /// `Forwarded` and `X-Forwarded-…` are used only from these addresses. Requests from these addresses always need a
+    /// token.
     #[serde(default)]
     trusted_proxies: Vec<String>,
     /// Language of the web page. Default: the first language that the browser prefers and the web page has, otherwise
@@ -161,7 +162,7 @@ impl RawWeb {
             None => {
                 let help = place.err().and_then(|why| why.help(USUAL, str::to_owned));
                 let help = help.unwrap_or_else(|| LISTEN.to_owned());
-                at.key("listen").invalid(format!("`{listen}` is no host and port"), help);
+                at.key("listen").invalid(format!("`{listen}` is not a host with a port"), help);
             }
             Some(host) if !is_loopback(host) && !has_token => {
                 let help =
@@ -205,7 +206,7 @@ impl RawWeb {
             match IpNetwork::parse(text) {
                 Ok(network) => proxies.push(network),
                 Err(help) => {
-                    at.item(place).invalid(format!("`{text}` is neither an address nor a network"), help)
+                    at.item(place).invalid(format!("`{text}` is not an IP address or a network"), help)
                 }
             }
         }
@@ -244,8 +245,10 @@ impl RawWeb {
 impl RawWebTls {
     fn resolve(&self, at: &KeyContext<'_>) -> Option<WebTls> {
         let file = |key: &str, name: Option<&String>, what: &str| {
-            let help =
-                format!("name a PEM file next to the profile with {what} (docs/page.md says how to make it)");
+            let help = format!(
+                "write the name of a PEM file next to the profile with {what} (docs/page.md says how to make \
+                 it)"
+            );
             at.key(key).missing(format!("`{key}` is missing: https needs it"), help);
             name.map(|name| PathBuf::from(at.report.files.path(name)))
         };

@@ -1,4 +1,5 @@
-//! Axes whose control (for example a SINUMERIK) calculates the correction itself: `ΔK = K0(T) + tanβ(T)·(P − P0)`.
+//! Axes whose control (for example a SINUMERIK) calculates the correction itself: `ΔK = K0(T) + tanβ(T)·(P − P0)`. The
+//! outputs of such an axis write K0 (intercept), tanβ (slope) and P0 (reference position).
 
 use super::Axis;
 use crate::tables::output::Output;
@@ -27,7 +28,7 @@ pub(in crate::tables) fn resolve(check: &mut Check<'_>) {
 }
 
 /// Checks that the outputs of an axis write all of K0, tanβ and P0. Returns the reference position P0, and the largest
-/// distance from it within the travel. `None` if no model of the axis has a valid slope.
+/// distance from P0 within the travel. `None` if no model of the axis has a valid slope.
 fn of_control(check: &Check<'_>, axis: &Axis, outputs: &[&Output]) -> Option<InterceptSlope> {
     let name = &axis.settings.name;
     let at = check.at("axis").key(name);
@@ -39,8 +40,7 @@ fn of_control(check: &Check<'_>, axis: &Axis, outputs: &[&Output]) -> Option<Int
     for output in outputs.iter().filter(|output| !output.writes.is_apart()) {
         let message = "the slope would act twice: in this value and in the control";
         let help = format!(
-            "for axis `{name}`, write either outputs for intercept, slope and reference, or this \
-             output"
+            "for axis `{name}`, keep either the outputs for intercept, slope and reference, or this output"
         );
         check.at("output").key(&output.name).key("writes").invalid(message, help);
     }

@@ -13,7 +13,8 @@ use isotherm_core::compensation::settings::LearnedSlot;
 use isotherm_core::quantity::{Celsius, Micron, MicronPerCelsius};
 use isotherm_core::reading::SignalId;
 
-/// Adds to each axis that learns the model whose gains are learned. The signals must be resolved before.
+/// Adds the learned model, first with gains of zero, to each axis with the key `learn`. The signals must be resolved
+/// before.
 pub(in crate::tables) fn add_slots(check: &mut Check<'_>) {
     let is_learning = |axis: &&Axis| axis.learning.is_some();
     if !check.axes.valid().any(|axis| is_learning(&axis)) {
@@ -30,7 +31,7 @@ pub(in crate::tables) fn add_slots(check: &mut Check<'_>) {
         let has_slope = |model: &Model| matches!(&model.kind, Kind::Linear(Linear { slope: Some(_), .. }));
         if axis.settings.models.iter().any(has_slope) {
             let help = "remove `learn`, or the slope of the model";
-            at.invalid("a model of this axis has a slope, and a learned model has none", help);
+            at.invalid("a model of this axis has a slope, but a learned model cannot have a slope", help);
         }
     }
     let signals: Vec<Option<Signal>> = check.signals.resolved.clone();
@@ -56,7 +57,7 @@ pub(in crate::tables) fn add_slots(check: &mut Check<'_>) {
         let of_axis = check.at("axis").key(&name);
         let probe = of_axis.key("probe");
         if leaves_none {
-            let help = "remove a sensor from the list, so that the model has an input";
+            let help = "remove a sensor from `learn_without`, so that the learned model has an input";
             let message = "`learn_without` names every sensor from which a model could be learned";
             probe.key("learn_without").invalid(message, help);
         } else {
@@ -74,8 +75,9 @@ fn temperature_reference(own: &[Model]) -> Reference {
     if is_zeroed { Reference::Zero } else { Reference::Start }
 }
 
-/// Returns the terms of a learned model, with gains of zero. Each temperature has one term without a lag, and one with
-/// each lag. Each speed has a term for its value and one for its square, with each lag.
+/// Returns the terms of a learned model, with gains of zero. Each temperature has one term for each number in
+/// `LAG_MINUTES`; 0 means no lag. Each speed has two terms for each number above 0: one for its value, one for its
+/// square.
 fn terms(signals: &[Option<Signal>], learning: &Learning, reference: Reference) -> Vec<Term> {
     let lags = LAG_MINUTES.map(|minutes| (minutes > 0).then(|| Duration::from_secs(60 * minutes)));
     let mut terms = Vec::new();

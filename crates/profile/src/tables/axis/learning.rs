@@ -7,10 +7,10 @@ use crate::tables::KeyContext;
 use isotherm_core::candidate::Policy;
 use isotherm_core::reading::SignalId;
 
-/// Name of the model whose gains are learned, on the web page and in the log.
+/// Name of the learned model, on the web page and in the log.
 pub const LEARNED: &str = "learned";
 
-/// Schedule of the learning.
+/// Schedule on which the gateway learns a model.
 #[derive(Clone, Copy, Debug, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub(super) enum LearnWord {
@@ -34,7 +34,7 @@ pub struct Learning {
     pub adopt: Policy,
 }
 
-/// Keys of the table `probe` that are about learning.
+/// Keys of the table `probe` for the learning of a model.
 pub(super) struct LearningKeys<'a> {
     pub(super) learn: Option<LearnWord>,
     pub(super) learn_without: Option<&'a [String]>,

@@ -27,7 +27,8 @@ mod seals;
 mod stand_ins;
 pub(crate) mod uniform_temperature;
 
-/// All kinds of models. A new kind needs a file next to the others, an entry in this list, and its word in `raw`.
+/// All kinds of models. A new kind of model needs its own file in this directory, an entry in this list, and its keys
+/// in `raw.rs`.
 const KINDS: [&KindOfModel; 4] = [&linear::KIND, &formula::KIND, &matrix::KIND, &network::KIND];
 
 impl RawModel {

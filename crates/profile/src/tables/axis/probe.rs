@@ -1,4 +1,5 @@
-//! Table `probe` of an axis: correction of its models by measured errors, and the source of these errors.
+//! Table `probe` of an axis: correction of its models by measured errors, and the source of these errors. A probing is
+//! one measurement of the error by the probe of the machine.
 
 use schemars::JsonSchema;
 use serde::Deserialize;
@@ -28,8 +29,7 @@ pub(super) struct RawProbe {
     limit: Option<f64>,
     /// Standard deviation of a probing, µm: the repeatability of two probings in a row. Default 0.5.
     repeat: Option<f64>,
-    /// Growth of the uncertainty of a model's correction, as a variance, µm²/h. `isotherm identify` calculates it.
-    /// Default 4.
+    /// Growth of the variance of a model's correction with time, µm²/h. `isotherm identify` calculates it. Default 4.
     q: Option<f64>,
     /// Alternative to `repeat` and `q`: part of each measured residual (remaining error) that is added to the
     /// correction, above 0 and up to 1.
@@ -46,13 +46,13 @@ pub(super) struct RawProbe {
     /// Action while the last probings show that the model is worse than no compensation. "warn": an alarm (default).
     /// "ramp": an alarm, and Cz goes to zero at `rate` until the model is better again.
     worse: Option<WorseWord>,
-    /// Learning of a model from the measured errors. With "daily", the gateway learns once a day, and judges the result
-    /// against the model in use. It needs a build with the feature `identify`.
+    /// Learning of a model from the measured errors. With "daily", the gateway learns once a day, and compares the
+    /// learned model with the model in use. This key needs a build with the feature `identify`.
     learn: Option<LearnWord>,
-    /// Signals that the learned model must not use. Default: it uses every temperature and every speed.
+    /// Signals that the learned model must not use. Default: the learned model uses every temperature and every speed.
     learn_without: Option<Vec<String>>,
     /// Adoption of a learned model that is better than the model in use. "propose": an operator adopts it (default).
-    /// "auto": the gateway adopts it, at a datum (zero point of Cz) only.
+    /// "auto": the gateway adopts it, but only when the datum (zero point of Cz) is set.
     adopt: Option<AdoptWord>,
 }
 
@@ -83,8 +83,8 @@ struct RawGains {
 pub struct ProbeInput {
     /// Signal that contains the measured error.
     pub signal: SignalId,
-    /// Signal whose change reports a new measured error. `None` if each change of the measured error itself is a new
-    /// one.
+    /// Signal whose change reports a new measured error. `None` if each change of the measured error counts as a new
+    /// measured error.
     pub trigger: Option<SignalId>,
     /// Factor that converts a reading of the signal into µm of Cz. The factor includes one half if the axis acts on a
     /// diameter.
@@ -112,7 +112,7 @@ impl RawProbe {
         let max_error = at.key("max_error").positive(self.max_error);
         let warn = level(&at.key("warn"), self.warn);
         if let Some((warn, most)) = self.warn.zip(max_error).filter(|(warn, most)| warn > most) {
-            let message = format!("warn at {warn} µm lies beyond the max_error of {most} µm");
+            let message = format!("`warn` is {warn} µm, which is more than the `max_error` of {most} µm");
             at.key("warn").invalid(message, "a probing beyond `max_error` is refused: make `warn` smaller");
         }
         let gains = optional(self.gains.as_ref(), |gains| gains.resolve(&at.key("gains"), axis));
@@ -144,8 +144,10 @@ impl RawProbe {
         let own = [("repeat", self.repeat), ("q", self.q)];
         if let Some(filter) = self.filter {
             for (key, _) in own.iter().filter(|(_, number)| number.is_some()) {
-                let message =
-                    format!("`{key}` weighs each probing, but `filter` gives all of them the same weight");
+                let message = format!(
+                    "`{key}` gives each probing its own weight, but `filter` gives all probings the same \
+                     weight"
+                );
                 let help =
                     format!("remove `filter` (recommended: `{key}` is more accurate), or remove `{key}`");
                 at.key(key).wrong_key(message, help);
@@ -175,9 +177,9 @@ impl RawProbe {
         };
         let signal = signal?;
         if self.trigger.is_some() && trigger? == signal {
-            let help = "remove `trigger`, so that each change of the error counts as a probing, or name a \
-                        flag or a counter";
-            at.key("trigger").invalid("the error cannot be its own trigger", help);
+            let help = "remove `trigger`, so that each change of the error counts as a probing, or write the \
+                        name of a flag or counter signal";
+            at.key("trigger").invalid("the signal of the measured error cannot be its own trigger", help);
         }
         let of_unit = match at.unit_of(signal)?.0 {
             "um" => 1.0,
@@ -185,7 +187,9 @@ impl RawProbe {
             unit => {
                 let help =
                     format!("write unit = \"um\" or \"mm\", and the `scale` for this unit, at signal.{name}");
-                return at.key("signal").reject(format!("`{name}` is in {unit}, not in um or mm"), help);
+                return at
+                    .key("signal")
+                    .reject(format!("signal `{name}` is in {unit}, not in um or mm"), help);
             }
         };
         let of_radius = if diameter { 0.5 } else { 1.0 };
@@ -226,8 +230,8 @@ pub(super) fn preview(signals: &[Signal], axis: &Axis, settings: &ProbeSettings)
     let share = match settings.filter {
         Filter::Share(share) => format!("{share} of the error"),
         Filter::Weighed { repeat, walk } => format!(
-            "a part of the error that grows with the uncertainty of the correction (each probing ±{repeat} \
-             µm, the correction {walk} µm² more each hour)"
+            "a part of the error (larger if the correction is uncertain: ±{repeat} µm per probing, and a \
+             variance that grows by {walk} µm² per hour)"
         ),
     };
     let mut text = format!(
@@ -251,9 +255,9 @@ pub(super) fn preview(signals: &[Signal], axis: &Axis, settings: &ProbeSettings)
         text.push_str("; the last 24 measured errors scale the expected error");
     }
     match &axis.learning {
-        None => text.push_str("; `isotherm learn` learns a model from them"),
+        None => text.push_str("; `isotherm learn` learns a model from these errors"),
         Some(learning) => {
-            text.push_str("; once a day, the gateway learns a model from them");
+            text.push_str("; once a day, the gateway learns a model from these errors");
             if !learning.without.is_empty() {
                 let names: Vec<&str> = learning.without.iter().map(|id| name(*id)).collect();
                 text.push_str(&format!(" without {}", names.join(", ")));

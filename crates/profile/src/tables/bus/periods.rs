@@ -1,4 +1,4 @@
-//! Periods of reads and writes on each line, collected once for all lines.
+//! Periods of the reads and writes on each bus line, collected once for all lines.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
@@ -8,12 +8,12 @@ use crate::tables::raw_profile::RawProfile;
 
 /// Default poll period of a device.
 pub(in crate::tables) const EVERY: Duration = Duration::from_secs(1);
-/// Default timeout if nothing is written and no device is polled faster.
+/// Longest default timeout. A line has this default if no read or write on the line has a period below 1 s.
 pub(super) const TIMEOUT: Duration = Duration::from_millis(500);
 const SHORTEST_TIMEOUT: Duration = Duration::from_millis(100);
 
-/// Periodic read or write, with its period. The text is the beginning of a sentence, for example "device `bed` is read
-/// every".
+/// Description and period of a periodic read or write. The description is the beginning of a sentence, for example
+/// "device `bed` is read every".
 pub(super) type Due = (String, Duration);
 
 /// Periodic reads and writes, by the name of their line.
@@ -46,7 +46,7 @@ impl Periods {
             periods.add(line(output.device.as_ref()), refreshed, output.refresh);
         }
         if let Some(heartbeat) = &raw.heartbeat {
-            let due = || "the heartbeat is due every".to_owned();
+            let due = || "the heartbeat is written every".to_owned();
             periods.add(line(heartbeat.device.as_ref()), due, heartbeat.every);
         }
         periods

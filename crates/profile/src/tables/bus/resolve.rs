@@ -115,8 +115,8 @@ pub(in crate::tables) fn none_waits_for_a_period(check: &Check<'_>) {
     }
 }
 
-/// Reports two buses that use the same physical line. They would send at the same time, and receive each other's
-/// answers.
+/// Reports two buses that use the same physical line. Two such buses would send at the same time, and receive each
+/// other's answers.
 pub(in crate::tables) fn one_owner_each(check: &Check<'_>) {
     let exclusive = |bus: &Bus| {
         let of = bus.transport.bus_type();

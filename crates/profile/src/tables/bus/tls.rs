@@ -1,8 +1,8 @@
 //! Modbus/TCP Security: files with which the two ends of a line authenticate each other.
 //!
 //! The files are read with the profile, so that a missing file is reported at its key. The module that opens the line
-//! checks their content, because only that module has a TLS library. Each file stores its place in the profile, so that
-//! an error can be reported at this place.
+//! checks their content, because only that module has a TLS library. Each [`NamedFile`] stores the position of its key
+//! in the profile, so that an error can be reported at this position.
 
 use std::fmt;
 
@@ -37,7 +37,8 @@ pub const TLS_PORT: u16 = 802;
 /// Settings of Modbus/TCP Security on a line.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Tls {
-    /// Certificates that the gateway trusts on this line: that of the device, or of the authority that signed it.
+    /// Certificate that the gateway trusts on this line: the certificate of the device, or of the authority that signed
+    /// it.
     pub ca: NamedFile,
     /// Certificate of the gateway.
     pub cert: NamedFile,
@@ -80,7 +81,8 @@ impl Tls {
 }
 
 impl NamedFile {
-    /// Reads the file that this key names. A missing certificate counts as empty if it may be created later.
+    /// Reads the file that this key names. A missing certificate file counts as an empty file if the certificate may be
+    /// created later.
     pub(crate) fn read(at: &KeyContext<'_>, name: &str, help: &str) -> Option<NamedFile> {
         let bytes = match at.report.files.is_to_be_made(name) {
             true => Vec::new(),
@@ -115,7 +117,7 @@ impl fmt::Debug for NamedFile {
 }
 
 impl RawTls {
-    /// Resolves the TLS settings of a line to this host.
+    /// Resolves the TLS settings of a line. `host` is the host in the `address` of the line.
     pub(crate) fn resolve(&self, at: &KeyContext<'_>, host: &str) -> Option<Tls> {
         let host = host.trim_start_matches('[').trim_end_matches(']');
         let (name, key) = match &self.name {
@@ -124,8 +126,8 @@ impl RawTls {
         };
         let help = "write name = \"…\", a DNS name or an IP address that the device's certificate has";
         let name_at = at.report.spans.at_value(&at.key(key).path, "", Some(help.to_owned()));
-        let help = "name a PEM file next to the profile with the certificate of the device, or of the \
-                    authority that signed it";
+        let help = "write the name of a PEM file next to the profile with the certificate of the device, or \
+                    of the authority that signed it";
         let ca = file(at, "ca", self.ca.as_ref(), help);
         let (cert, key) = own_pair(at, self.cert.as_ref(), self.key.as_ref())?;
         Some(Tls { ca: ca?, cert, key, name: name.to_owned(), name_at })
@@ -138,9 +140,10 @@ pub(in crate::tables) fn own_pair(
     cert: Option<&String>,
     key: Option<&String>,
 ) -> Option<(NamedFile, NamedFile)> {
-    let of_cert = "name a PEM file next to the profile with the gateway's certificate, followed by the \
-                   certificates of its authorities";
-    let of_key = "name a PEM file next to the profile with the private key of the certificate in `cert`";
+    let of_cert = "write the name of a PEM file next to the profile with the gateway's certificate, followed \
+                   by the certificates of its authorities";
+    let of_key =
+        "write the name of a PEM file next to the profile with the private key of the certificate in `cert`";
     pair(at, (cert, of_cert), (key, of_key))
 }
 
@@ -155,15 +158,15 @@ pub(crate) fn pair(
     cert.zip(read)
 }
 
-/// Reads the file with a password that the key `password_file` names.
+/// Reads the password file, whose name is the value of the key `password_file`.
 pub(crate) fn password(at: &KeyContext<'_>, name: Option<&String>) -> Option<NamedFile> {
-    let help = "name a file that holds the password alone, readable for the gateway only";
+    let help = "write the name of a file that contains only the password, and that only the gateway can read";
     let password = file(at, "password_file", name, help);
     at.key("password_file").secret(name);
     password
 }
 
-/// Reads the file that a required key names.
+/// Reads the file whose name is the value of a required key.
 pub(in crate::tables) fn file(
     at: &KeyContext<'_>,
     key: &str,

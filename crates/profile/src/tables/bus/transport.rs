@@ -7,8 +7,8 @@ use serde::Deserialize;
 
 use crate::kinds::modbus::serial::Serial;
 
-/// Default time after which a write without an answer can no longer arrive. Networks and their devices are assumed to
-/// delay a write no longer.
+/// Default time after which a write without an answer can no longer arrive. The gateway assumes that no network or
+/// device delays a write for longer.
 pub(super) const LATE: Duration = Duration::from_secs(30);
 const LATE_TIMEOUTS: u32 = 2;
 

@@ -16,8 +16,8 @@ impl RawDevice {
         }
         let every = at.key("every").period(self.every).unwrap_or(EVERY);
         if self.functions.as_ref().is_some_and(Vec::is_empty) {
-            let help = "name the allowed functions, as [\"read-holding\", \"write-multiple\"], or remove the \
-                        key to allow all";
+            let help = "write the allowed functions, as [\"read-holding\", \"write-multiple\"], or remove \
+                        the key to allow all";
             at.key("functions").invalid("a device without an allowed function cannot be used", help);
         }
         let functions = self.functions.as_deref().map_or(Functions::ALL, Functions::of);

@@ -1,4 +1,4 @@
-//! `verify` of a device: values that are read before arming, and again in operation.
+//! `verify` of a device: values that are read before arming and again in operation, and compared with expected values.
 
 use std::fmt;
 use std::time::Duration;
@@ -126,7 +126,7 @@ impl RawVerify {
         }
         let place = at.key("register");
         let help = "write `register`, as \"coil:268\" or \"holding:256\"";
-        place.missing("`register` is missing: what is to be read?", help);
+        place.missing("`register` is missing: which register does the check read?", help);
         let cell = cell(&place, self.register.as_ref()?)?;
         let table = cell.address.table;
         if !functions.reads(table) {
@@ -156,7 +156,10 @@ impl RawVerify {
         let help = "remove this key, and write sdo = \"6110:01\"";
         at.not_applicable(&["register", "word_order"], "a Modbus device", help);
         if self.register.is_none() {
-            at.key("sdo").missing("`sdo` is missing: what is to be read?", "write `sdo`, as \"6110:01\"");
+            at.key("sdo").missing(
+                "`sdo` is missing: which object does the check read?",
+                "write `sdo`, as \"6110:01\"",
+            );
         }
         let entry = fields::entry(&at.key("sdo"), self.sdo.as_ref()?);
         let kind = self.kind.unwrap_or(TypeWord(DataType::U16));

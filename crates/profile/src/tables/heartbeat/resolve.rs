@@ -10,7 +10,9 @@ impl RawHeartbeat {
         let index = at.key("device").named(&check.devices.names, self.device.as_ref());
         let known = check.line_kind(self.device.as_ref());
         if let Some(why) = known.and_then(|kind| kind.only_read) {
-            return at.key("device").reject(why, "name the device of the control that watches the gateway");
+            return at
+                .key("device")
+                .reject(why, "write the name of the device that monitors the gateway, usually the control");
         }
         let address = (known.unwrap_or(check.kinds[0]).heartbeat)(self, at);
         let is_register = address.as_ref().is_some_and(|address| address.register().is_some());

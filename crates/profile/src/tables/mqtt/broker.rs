@@ -48,7 +48,10 @@ impl BrokerUrl {
         let Some((host, port)) = found.as_ref().ok().filter(|(host, port)| is_host(host) && *port != Some(0))
         else {
             let help = found.err().and_then(|why| why.help(usual, |place| format!("\"{scheme}://{place}\"")));
-            return wrong(&format!("`{place}` is no host and port"), help.as_deref().unwrap_or(EXAMPLE));
+            return wrong(
+                &format!("`{place}` is not a host with a port"),
+                help.as_deref().unwrap_or(EXAMPLE),
+            );
         };
         let (host, port) = (host.trim_matches(['[', ']']), port.unwrap_or(usual));
         Ok(BrokerUrl { tls, host: host.to_owned(), port })
@@ -73,10 +76,10 @@ mod tests {
             ("broker:1883", "does not begin with"),
             ("tcp://broker:1883", "does not begin with"),
             ("mqtt://me:secret@broker", "must not have a user"),
-            ("mqtt://:1883", "no host and port"),
-            ("mqtt://broker:0", "no host and port"),
-            ("mqtt://broker/path", "no host and port"),
-            ("mqtt://::1", "no host and port"),
+            ("mqtt://:1883", "not a host with a port"),
+            ("mqtt://broker:0", "not a host with a port"),
+            ("mqtt://broker/path", "not a host with a port"),
+            ("mqtt://::1", "not a host with a port"),
         ] {
             let (message, _) = BrokerUrl::parse(text).unwrap_err();
             assert!(message.contains(why) && !message.contains("secret"), "{text}: {message}");

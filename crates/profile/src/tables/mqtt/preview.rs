@@ -74,7 +74,9 @@ impl Mqtt {
             named("bus", profile.buses.iter().map(|bus| bus.name.as_str()).collect()),
         ];
         let ends = [
-            Some(format!("{group}/{machine}/event (not kept by the broker; all others are)")),
+            Some(format!(
+                "{group}/{machine}/event (not retained by the broker; all other topics are retained)"
+            )),
             self.home_assistant.then(|| format!("homeassistant/+/isotherm-{machine}/+/config")),
         ];
         let state = [format!("{group}/{machine}/state"), format!("{group}/{machine}/gateway")];

@@ -38,9 +38,9 @@ pub enum MessageField {
     AlarmsOver,
     /// The text "dry run" if the gateway is in a dry run, otherwise empty.
     DryRun,
-    /// Number of the message.
+    /// Consecutive number of the message.
     Count,
-    /// Number of dropped messages.
+    /// Number of earlier messages that were dropped and are not reported to the server yet.
     Dropped,
 }
 
@@ -85,7 +85,7 @@ impl BodyTemplate {
     /// Parses a template.
     ///
     /// # Errors
-    /// The text is not JSON, or a place has no field. The error is a message and a hint.
+    /// The text is not JSON, or a placeholder is not the name of a field. The error is a message and a hint.
     pub fn parse(text: &str) -> Result<BodyTemplate, Wrong> {
         let json: Value = serde_json::from_str(text)
             .map_err(|why| (format!("this is not JSON: {why}"), EXAMPLE.to_owned()))?;
@@ -132,8 +132,11 @@ fn check(json: &Value) -> Result<(), Wrong> {
         Value::Array(items) => items.iter().try_for_each(check),
         Value::Object(entries) => entries.iter().try_for_each(|(key, value)| match next_place(key) {
             Some((_, name, _)) => {
-                let message = format!("the key `{}` has the place `{{{name}}}`", cut(key, 40));
-                Err((message, "only texts can have places; write the key as it is sent".to_owned()))
+                let message = format!("the key `{}` contains the placeholder `{{{name}}}`", cut(key, 40));
+                Err((
+                    message,
+                    "placeholders are allowed only in values: write the key without a placeholder".to_owned(),
+                ))
             }
             None => check(value),
         }),
@@ -245,7 +248,7 @@ mod tests {
             (r#"{"text": "{mashine}"}"#, "no field `mashine`", "did you mean `machine`?"),
             (r#"{"text": "{Machine}"}"#, "no field `Machine`", "did you mean `machine`?"),
             (r#"{"text": ["{token}"]}"#, "no field `token`", "allowed: machine, when"),
-            (r#"{"{text}": 1}"#, "the key `{text}` has the place `{text}`", "only texts"),
+            (r#"{"{text}": 1}"#, "the key `{text}` contains the placeholder `{text}`", "only in values"),
         ] {
             let (said, hint) = BodyTemplate::parse(template).unwrap_err();
             assert!(said.contains(message) && hint.contains(help), "{template}: {said}; {hint}");

@@ -35,7 +35,8 @@ impl fmt::Debug for Url {
     }
 }
 
-/// Message and hint for an invalid address. They do not quote it.
+/// Message and hint for an invalid address. They do not contain the address, because a part of the
+/// address may be secret.
 type Wrong = (String, &'static str);
 
 const WRITE: &str = "write the address as \"https://alarms.plant.example/isotherm\"";
@@ -90,7 +91,7 @@ impl Url {
                 }
                 _ => WRITE,
             };
-            return wrong("the address has no host, or no port that is valid", help);
+            return wrong("the address has no host, or an invalid port", help);
         };
         let (host, port) = (host.trim_matches(['[', ']']), port.unwrap_or_else(|| usual(tls)));
         let slash = if target.starts_with('/') { "" } else { "/" };

@@ -78,7 +78,7 @@ impl RawServerUser {
         let login = match (&self.password_file, &self.cert) {
             (Some(file), None) => password(at, Some(file)).map(ServerLogin::Password),
             (None, Some(file)) => {
-                let help = "name the user's certificate, in DER or PEM form";
+                let help = "write the name of the file with the user's certificate, in DER or PEM form";
                 if !is_secured {
                     let help = "write `password_file`, or security = \"sign-and-encrypt\" of the server";
                     at.not_applicable(&["cert"], "a secured server", help);

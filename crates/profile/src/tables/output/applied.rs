@@ -35,17 +35,17 @@ pub(crate) struct RawReadBack {
     /// Input or holding register, for example "input:12" or "30013".
     #[schemars(required)]
     register: Option<String>,
-    /// Type of the value. Default: that of the output.
+    /// Type of the value. Default: the type of the output.
     #[serde(rename = "type")]
     kind: Option<TypeWord>,
-    /// Order of the registers. Default: that of the output.
+    /// Order of the registers. Default: the order of the output.
     word_order: Option<WordOrderWord>,
     /// Whether the two bytes of each register are exchanged. Default: as for the output.
     byte_swap: Option<bool>,
-    /// Size of one count, µm. Default: that of the output.
+    /// Size of one count, µm. Default: the size of one count of the output.
     scale: Option<f64>,
-    /// Largest deviation from the written value, µm. Default: the larger one of the two counts, of the output and of
-    /// this register.
+    /// Largest deviation from the written value, µm. Default: the size of one count of the output or of this register,
+    /// whichever is larger.
     tolerance: Option<f64>,
     /// Time within which the control must apply a change. Default "1s".
     settle: Option<Timespan>,
@@ -79,7 +79,10 @@ pub(crate) fn resolve(
             let help = "write read_back = { register = \"input:12\" }, or remove `read_back`: the gateway \
                         reads back the register that it writes";
             let device = raw.device.as_deref().unwrap_or_default();
-            return at.reject(format!("`{device}` is on a Modbus line, but an object is only for CAN"), help);
+            return at.reject(
+                format!("`{device}` is on a Modbus line, but a CANopen object exists only on CAN"),
+                help,
+            );
         }
     };
     if share == Share::Ledger {
@@ -97,11 +100,11 @@ pub(crate) fn resolve(
     let address = register::register(&place, table.register.as_ref())?;
     let (own, encoding) = written;
     if address.table.is_bits() {
-        return place.reject("a bit cannot hold an offset", "name an input or a holding register");
+        return place.reject("a bit cannot hold an offset", "write an input or a holding register");
     }
     if address == own {
         let message = "this is the register that is written: the gateway reads it back in any case";
-        place.invalid(message, "remove `read_back`, or name the register of the applied value");
+        place.invalid(message, "remove `read_back`, or write the register of the applied value");
     }
     let data_type = table.kind.map_or(encoding.data_type, |TypeWord(kind)| kind);
     let word_order = match (table.kind, table.word_order) {

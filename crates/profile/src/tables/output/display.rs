@@ -22,11 +22,11 @@ pub(super) struct RawBeside {
     register: Option<String>,
     /// Value of the word, if it is constant.
     value: Option<u16>,
-    /// Factor by which the number of decimals of `scale` is multiplied. The word is the product.
+    /// Factor for the number of decimals of `scale`. The word is this number times the factor.
     decimals: Option<u16>,
     /// Word while the axis follows its first model.
     good: Option<u16>,
-    /// Word while the axis follows another model. Default: as `good`.
+    /// Word while the axis follows another model. Default: the word for `good`.
     degraded: Option<u16>,
     /// Word while the axis is frozen, ramps, is at zero or off.
     fault: Option<u16>,
@@ -43,7 +43,7 @@ pub(super) struct RawStale {
     /// Text, for example "----".
     #[schemars(required)]
     text: Option<String>,
-    /// Characters in one register: 1, or 2 with the first in the high byte. Default 2.
+    /// Characters in one register: 1, or 2 with the first character in the high byte. Default 2.
     #[schemars(range(min = 1, max = 2))]
     characters: Option<u8>,
 }
@@ -176,7 +176,7 @@ fn decimals(at: &KeyContext<'_>, scale: f64) -> Option<u8> {
     let found = (0..=MOST_DECIMALS).find(is_near);
     if found.is_none() {
         let help = "write `scale` as 1.0, 0.1, 0.01, 0.001, 0.0001 or 0.00001 mm";
-        at.invalid(format!("{scale} is not the value of a digit of a display"), help);
+        at.invalid(format!("`scale` is {scale}, which is not the value of a digit of a display"), help);
     }
     found
 }

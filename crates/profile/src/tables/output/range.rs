@@ -9,8 +9,8 @@ use crate::tables::axis::Axis;
 use crate::tables::{Check, KeyContext};
 use isotherm_core::quantity::Micron;
 
-/// Checks that each output can hold every value of its axis. Stores at each axis the coarsest count of its outputs,
-/// which is the smallest change of Cz that all outputs can show.
+/// Checks that each output can hold every value of its axis. Stores at each axis the largest size of one count among
+/// its outputs, µm. A change of Cz by this size is visible in all outputs.
 pub(in crate::tables) fn note_counts(check: &mut Check<'_>) {
     for output in check.outputs.valid() {
         let at = check.at("output").key(&output.name);
@@ -66,7 +66,10 @@ pub(super) fn counts(output: &Output, axis: &Axis, profile: &Profile) -> Option<
     let range = output.writes.position().and_then(|position| profile.signal(position).range);
     // Without a model, an axis has no line, and nothing is written.
     let (low, high) = reach(output, axis, range).or(output.writes.is_apart().then_some((0.0, 0.0)))?;
-    #[allow(clippy::cast_possible_truncation, reason = "the check has seen that it fits the register's type")]
+    #[allow(
+        clippy::cast_possible_truncation,
+        reason = "the profile check ensures that the count fits the register's type"
+    )]
     let count = |value: f64| ((value / encoding.scale.get()).round() as i64).saturating_add(encoding.bias);
     let (one, other) = (count(low), count(high));
     Some((one.min(other), one.max(other)))
@@ -118,17 +121,20 @@ fn can_move(check: &Check<'_>, at: &KeyContext<'_>, output: &Output, axis: &Axis
         let axis = &axis.settings.name;
         let (follows, at_least) = match output.share {
             Share::Whole => ("the value could never change", "one count"),
-            Share::Ledger => {
-                ("a shared register needs two counts, because its sum must never become zero", "two counts")
-            }
+            Share::Ledger => (
+                "a step of a shared register needs two counts, because the sum in the register must never \
+                 become zero",
+                "two counts",
+            ),
         };
         let message = format!("one count is {count} µm, one step of axis `{axis}` is {step} µm: {follows}");
         at.key("scale").invalid(message, format!("make `step` of axis `{axis}` at least {at_least}"));
     }
 }
 
-/// Stores the count of this output at its axis if it is coarser than the stored one. For a diameter the output contains
-/// twice Cz, so its count is divided by two. A slope output changes the count of the slope instead.
+/// Stores the size of one count of this output at its axis, if it is larger than the stored size. For a diameter the
+/// output contains twice Cz, so the size is divided by two. For a slope output, the size for the slope is stored
+/// instead.
 fn note_count(axis: &mut Axis, output: &Output) {
     if output.encoding.data_type.integer_range().is_none() {
         return;

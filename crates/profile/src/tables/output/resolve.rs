@@ -16,7 +16,7 @@ impl RawOutput {
         let when = expression::condition(&at.key("when"), self.when.as_ref(), None);
         let known = check.line_kind(self.device.as_ref());
         if let Some(why) = known.and_then(|kind| kind.only_read) {
-            let help = "name the device of the control that receives the value";
+            let help = "write the name of the device that receives the value, usually the control";
             return at.key("device").reject(why, help);
         }
         if let Some((kind, device)) = known.zip(self.device.as_ref()) {
@@ -60,8 +60,9 @@ impl RawOutput {
         let device = self.device.as_deref().unwrap_or_default();
         let of_axis = at.top("axis").key(name);
         if let Some((most, step)) = most.zip(axis.step).filter(|(most, step)| step > most) {
-            let message =
-                format!("a step of {step} µm is larger than the step that `{device}` can follow, {most} µm");
+            let message = format!(
+                "a step of {step} µm is larger than {most} µm, the largest step that `{device}` can follow"
+            );
             of_axis.key("step").invalid(message, format!("write step = {most:?} or less"));
         }
         let every = axis.every.map(|Timespan(every)| every);

@@ -22,8 +22,8 @@ pub enum Share {
 }
 
 impl Share {
-    /// Returns the smallest number of counts that a step must have. A shared register needs two: its sum skips zero,
-    /// because zero is the value of a restarted CNC.
+    /// Returns the smallest number of counts that a step must have. A step of a shared register needs two counts,
+    /// because the sum in the register skips zero. Zero is the value after a restart of the CNC.
     pub const fn counts_of_a_step(self) -> u32 {
         match self {
             Share::Whole => 1,

@@ -70,13 +70,13 @@ impl Writes {
         }
     }
 
-    /// Returns whether the value is Cz, either at each position or at the reference position.
+    /// Returns whether the written value is Cz, or K0, which is Cz at the reference position.
     pub const fn is_cz(self) -> bool {
         matches!(self, Writes::Offset | Writes::Intercept)
     }
 
-    /// Returns whether the value is written with the period of the axis. A position plus Cz is not: it is written each
-    /// time the position is read.
+    /// Returns whether the value is written with the period of the axis. `false` for a position plus Cz, which is
+    /// written each time the position is read.
     pub const fn is_scheduled(self) -> bool {
         !matches!(self, Writes::Corrected { .. })
     }
@@ -100,7 +100,7 @@ pub(super) fn resolve(
         WritesWord::Slope => Writes::Slope,
         WritesWord::Reference => Writes::Reference,
         WritesWord::Corrected => {
-            let help = "name the signal with the position, in mm: the gateway writes position + Cz";
+            let help = "write the signal with the position in mm: the gateway writes position + Cz";
             place.missing("`position` is missing: which position is corrected?", help);
             return Some(Writes::Corrected { position: place.position(position)? });
         }

@@ -6,7 +6,7 @@ use std::str::FromStr;
 use crate::tables::KeyContext;
 use isotherm_core::codec::{DataType, Part, Register, Whole};
 
-/// Highest bit number of one register. The next constant is that of two registers.
+/// Highest bit number of one register. The next constant is the highest bit number of two registers.
 const LAST_OF_ONE: u8 = 15;
 const LAST_OF_TWO: u8 = 31;
 
@@ -58,16 +58,17 @@ impl Cell {
             Some(DataType::U32) => Whole::U32,
             Some(DataType::I32) => Whole::I32,
             Some(other) => {
-                let message = format!("{} is not possible for a part of a register", other.name());
-                let help =
-                    "allowed: u16, i16, and u32, i32 for a part of two registers; i16 and i32 are signed";
+                let message =
+                    format!("the type {} is not possible for several bits of a register", other.name());
+                let help = "allowed: u16 and i16 for bits of one register, u32 and i32 for bits of two \
+                            registers; i16 and i32 are signed";
                 return at.key("type").reject(message, help);
             }
         };
         let part = Part::new(first, last, whole).map(DataType::Part);
         if part.is_none() {
             let message = format!("bit {last} is beyond the {} bits of the register", whole.width());
-            let help = "write type = \"u32\" or \"i32\" for a part of two registers";
+            let help = "write type = \"u32\" or \"i32\" for bits of two registers";
             at.key("register").invalid(message, help);
         }
         part

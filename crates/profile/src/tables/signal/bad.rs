@@ -56,7 +56,8 @@ pub(crate) fn sentinels(bad: Option<&Vec<BadValue>>, at: &KeyContext<'_>) -> Vec
             }
             BadValue::Named(RawSentinel { raw, .. }) => {
                 let key = if raw.is_none() { "raw" } else { "means" };
-                let help = "write the raw value, or both, as { raw = -512, means = \"open circuit\" }";
+                let help = "write the raw value, or the raw value with its meaning, as { raw = -512, means = \
+                            \"open circuit\" }";
                 at.item(place).key(key).missing(format!("`{key}` is missing"), help);
             }
         }

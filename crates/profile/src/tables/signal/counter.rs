@@ -56,8 +56,8 @@ impl RawCounter {
     ) -> (Option<Counter>, Option<Capture>) {
         let capture = self.capture.as_ref().and_then(|raw| raw.resolve(&at.key("capture"), device));
         if Counter::modulus(encoding.data_type).is_none() {
-            let help = "allowed: u16, i16, u24, i24, u32, i32, and 8 to 32 bits of a frame or of registers, which \
-                        roll over; remove `counter`";
+            let help = "remove `counter`, or use a type that rolls over: u16, i16, u24, i24, u32, i32, or 8 \
+                        to 32 bits of a frame or registers";
             at.wrong_key(format!("type {} cannot be a counter", encoding.data_type.name()), help);
         }
         if has_max_rate {

@@ -1,7 +1,9 @@
-//! `range` and `max_rate` of a signal, and the limits of a temperature for which the profile states neither.
+//! `range` and `max_rate` of a signal, and the default limits of a temperature for which the profile does not state
+//! these keys.
 //!
 //! The value of an open or unsupplied sensor is often a number of the device, for example −3276.8 °C. If nothing
-//! rejects it, an axis moves to its limit. Therefore every temperature has limits unless the profile removes them:
+//! rejects such a value, an axis moves to its limit. Therefore every temperature has limits unless the profile removes
+//! them:
 //!
 //! | temperature | `range` | `max_rate` |
 //! |---|---|---|
@@ -9,8 +11,8 @@
 //! | any other | not below absolute zero | none |
 //! | `difference = true` | none | none |
 //!
-//! A signal contains these limits separately from those of the profile. A replay applies only the latter, so that the
-//! log of an earlier version gives the same decisions again.
+//! A signal contains these limits separately from those of the profile. A replay applies only the limits of the
+//! profile, so that the log of an earlier version gives the same decisions again.
 
 use serde::{Deserialize, Serialize};
 
@@ -38,7 +40,7 @@ pub(super) enum RateValue {
     Word(NoLimit),
 }
 
-/// Word that removes a limit, including that of the template.
+/// Word that removes a limit, including a limit of the template.
 #[derive(Clone, Copy, Debug, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub(super) enum NoLimit {
@@ -76,7 +78,7 @@ impl RateValue {
     }
 }
 
-/// Plausible values of a temperature for which neither the profile nor its template states a `range`.
+/// Plausible values of a temperature for which the profile and its template state no `range`.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum DefaultRange {
@@ -96,21 +98,21 @@ impl DefaultRange {
     }
 }
 
-/// Limits of a temperature that apply because neither the profile nor its template states others.
+/// Default limits of a temperature. They apply if the profile and its template state no limits.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct DefaultLimits {
     /// Plausible values. `None` if the profile or its template states a `range` or removes it. Also `None` if the
-    /// signal is no temperature, or is a difference of temperatures.
+    /// signal is not a temperature, or is a difference of temperatures.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub range: Option<DefaultRange>,
-    /// Largest plausible change per second. `None` as for `range`.
+    /// Largest plausible change per second. `None` under the same conditions as `range`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub max_rate: Option<f64>,
 }
 
 impl DefaultLimits {
-    /// Returns whether the signal has neither a default range nor a default rate.
+    /// Returns whether the signal has no default range and no default rate.
     pub fn is_empty(&self) -> bool {
         self.range.is_none() && self.max_rate.is_none()
     }

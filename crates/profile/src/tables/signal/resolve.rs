@@ -94,8 +94,12 @@ impl RawSignal {
         if check.kinds.iter().any(|kind| (kind.comes_by_itself)(self)) {
             return Some(age);
         }
-        let figures =
-            format!("`max_age` is {}, `{}` is read every {}", shown(age), device.name, shown(every));
+        let figures = format!(
+            "`max_age` is {}, and device `{}` is read every {}",
+            shown(age),
+            device.name,
+            shown(every)
+        );
         if device.read == ReadBy::Subscription && age < SENT_WITHIN * every {
             let help = format!(
                 "write max_age = \"{}\", or write read = \"poll\" at the device",

@@ -42,8 +42,8 @@ pub(crate) struct Scaling {
 }
 
 impl Scaling {
-    /// Returns scale and offset of a table of the merged profile. A template or a DBC file may set those that are
-    /// missing.
+    /// Returns scale and offset of a table of the merged profile. A template or a DBC file may set a missing scale or
+    /// offset.
     pub(crate) fn of(table: &Value) -> Scaling {
         let number = |key| table.get(key).and_then(Value::as_f64);
         let is_in_dbc = table.get("dbc").is_some();
@@ -170,8 +170,8 @@ impl Other {
         }
         if beside.may_stand_elsewhere && (beside.scale.is_none() || beside.offset.is_none()) {
             return format!(
-                "{begin}, {part} times the scale (default 1), and {part} times the offset (default 0){less}; \
-                 `range` and `max_rate` are then in {known}"
+                "{begin}, with {part} times the `scale` (default 1) and {part} times the `offset` (default \
+                 0){less}; `range` and `max_rate` are then in {known}"
             );
         }
         let scale = figures(beside.scale.unwrap_or(1.0) * factor);

@@ -9,8 +9,8 @@ use isotherm_core::compensation::model::{Input, Reference};
 use isotherm_core::quantity::Celsius;
 use isotherm_core::reading::SignalId;
 
-/// Describes the change of Cz if a signal rises by one unit. `place` is a further condition of the sentence, for
-/// example a position.
+/// Describes the change of Cz if a signal rises by one unit. `place` is appended to the condition of the sentence, for
+/// example ` at y = 200 mm`.
 pub(super) fn effect(signals: &[Signal], id: SignalId, change: f64, place: &str) -> String {
     let signal = &signals[id.0];
     let unit = signal.unit.to_string();
@@ -36,13 +36,14 @@ pub(super) fn effect_of(signals: &[Signal], input: &Input, change: f64, place: &
 /// Appends the lag of an input to the condition `place` of a sentence. Without a lag, returns `place` unchanged.
 pub(super) fn late(signals: &[Signal], input: &Input, place: &str) -> String {
     let signal = &signals[input.signal.0].name;
-    let behind =
-        |lag: Duration| format!("{place} (63 % of the effect {} after {signal} has risen)", shown(lag));
+    let behind = |lag: Duration| {
+        format!("{place} (63 % of the effect is reached {} after {signal} has risen)", shown(lag))
+    };
     input.time_constant().map_or_else(|| place.to_owned(), behind)
 }
 
-/// Returns the value of a signal for which its effect is calculated. It is the middle of its range, or 20 if the signal
-/// has no range.
+/// Returns the signal value at which the effect of the signal is calculated. This is the middle of the signal's range,
+/// or 20 without a range.
 pub(super) fn middle(signals: &[Signal], id: SignalId) -> f64 {
     signals[id.0].range.map_or(20.0, |(low, high)| f64::midpoint(low, high))
 }

@@ -1,4 +1,5 @@
-//! `envelope`, `outside` and `halves` of a model: the region of inputs on which it was identified.
+//! `envelope` and `outside` of a model: the region of inputs on which the model was identified, and the gateway's
+//! action outside of this region.
 //!
 //! ```json
 //! { "format": "isotherm-envelope", "version": 1, "reach": 3.4, "covariance": [[4.0, 1.2], [1.2, 2.5]],
@@ -60,17 +61,22 @@ impl EnvelopeFile {
                 self.inputs.len()
             ),
             BadEnvelope::Range(place) => {
-                format!("{}: `mean` must be between `min` and `max`, and these two must differ", name(place))
+                format!(
+                    "{}: `mean` must be between `min` and `max`, and `min` and `max` must differ",
+                    name(place)
+                )
             }
             BadEnvelope::NotSymmetric(first, second) => format!(
-                "the covariance is not symmetric: {} with {} is not {} with {}",
+                "the covariance is not symmetric: the number for ({}, {}) differs from the number for ({}, \
+                 {})",
                 name(first),
                 name(second),
                 name(second),
                 name(first)
             ),
             BadEnvelope::NotPositiveDefinite(place) => format!(
-                "the covariance is not positive definite: {} does not vary, or depends on earlier inputs",
+                "the covariance is not positive definite: input {} does not vary, or depends on inputs that \
+                 are listed before it",
                 name(place)
             ),
             BadEnvelope::Reach => "`reach` must be above zero".to_owned(),
@@ -79,7 +85,7 @@ impl EnvelopeFile {
 }
 
 /// Resolves the envelope of a model. Returns `Some(None)` if the model has no envelope. `model` is the model without
-/// its envelope, or `None` if it has errors.
+/// its envelope, or `None` if the model has errors.
 pub(super) fn resolve(
     raw: &RawModel,
     at: &KeyContext<'_>,
@@ -89,7 +95,7 @@ pub(super) fn resolve(
     let Some(name) = raw.envelope.as_deref() else {
         let of_it = [("outside", raw.outside.is_some()), ("halves", raw.halves.is_some())];
         for (key, _) in of_it.into_iter().filter(|(_, named)| *named && !place.is_written()) {
-            let help = format!("name the file with `envelope`, or remove `{key}`");
+            let help = format!("write the path of the envelope file in `envelope`, or remove `{key}`");
             at.key(key).wrong_key("this key needs `envelope`, which is missing", help);
         }
         return Some(None);
@@ -115,8 +121,11 @@ pub(super) fn resolve(
     if raw.outside == Some(OutsideWord::Agree) && raw.halves.is_none() {
         let message = "outside = \"agree\" needs `halves`: without `halves`, the gateway follows the model \
                        outside the envelope, as with \"warn\"";
-        at.key("outside")
-            .warn(message, "name the file with `halves`, or write \"warn\", \"hold\" or \"shrink\"");
+        at.key("outside").warn(
+            message,
+            "write the path of the half models in `halves`, or write outside = \"warn\", \"hold\" or \
+             \"shrink\"",
+        );
     }
     let outside = match (raw.outside, &apart) {
         // Without halves nothing can agree.
@@ -141,11 +150,11 @@ pub(super) fn preview(signals: &[Signal], envelope: &Envelope) -> String {
     let outside = match envelope.outside() {
         Outside::Warn => "outside, the gateway warns and follows the model",
         Outside::Hold => "outside, Cz is kept",
-        Outside::Shrink => "outside, Cz is reduced more with increasing distance",
+        Outside::Shrink => "outside, the gateway reduces Cz more as the distance from the envelope increases",
         Outside::Agree => "outside, Cz follows the model as far as its two halves agree",
     };
     format!(
-        "identified on {}, within {:.2} Mahalanobis distances of their mean; {outside}",
+        "identified on {}, up to a Mahalanobis distance of {:.2} from their mean; {outside}",
         ranges.join(", "),
         envelope.reach()
     )

@@ -1,4 +1,4 @@
-//! `expected` of a model: its probable error, measured on runs that the identification did not use.
+//! `expected` of a model: its probable error, measured on test runs of the machine that the identification did not use.
 
 use schemars::JsonSchema;
 use serde::Deserialize;
@@ -34,7 +34,10 @@ fn growth(at: &KeyContext<'_>, [per_hour, at_once]: [f64; 2]) -> Option<Growth> 
     if growth.is_none() {
         let help = "write [a, b] as `isotherm identify` prints them, for example [0.9, 1.1]: the variance \
                     after h hours is a·h + b µm²";
-        at.invalid(format!("{per_hour} and {at_once} are no variance: both must be 0 or more"), help);
+        at.invalid(
+            format!("[{per_hour}, {at_once}] does not describe a variance: both numbers must be 0 or more"),
+            help,
+        );
     }
     growth
 }

@@ -1,6 +1,6 @@
-//! Reads files of models that are next to a profile: JSON with a format and a version. Unknown keys are rejected. The
-//! result is a value of the requested type, or a sentence that describes the mistake. The users of the content check
-//! its sizes.
+//! Reads JSON files that belong to a model and are next to the profile. Each file states its format and version.
+//! Unknown keys are rejected. The result is a value of the requested type, or a sentence that describes the mistake.
+//! The caller checks the lengths of the lists in the file.
 
 use serde::Deserialize;
 use serde::de::DeserializeOwned;
@@ -43,11 +43,11 @@ pub(super) fn read<T: DeserializeOwned>(bytes: &[u8], format: &str) -> Result<T,
     }
 }
 
-/// Checks that the names in a file (`own`) match those in the profile (`given`). `what` is the noun for messages, for
-/// example "inputs".
+/// Compares the number and the order of the names in a file (`own`) with the names in the profile (`given`). `what` is
+/// the noun for messages, for example "inputs".
 ///
 /// # Errors
-/// A different number of names, or the same names in another order. Different names are accepted.
+/// The numbers of names differ, or the file has the same names in another order. A file with other names is accepted.
 pub(super) fn fit(what: &str, own: &[String], given: &[&str]) -> Result<(), String> {
     let list = |names: &[&str]| names.join(", ");
     let names: Vec<&str> = own.iter().map(String::as_str).collect();

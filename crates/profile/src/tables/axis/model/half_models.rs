@@ -1,5 +1,5 @@
-//! `halves` of a model: two sums of terms whose mean is the model. Outside of the envelope, their difference shows the
-//! uncertainty of the model.
+//! `halves` of a model: two half models. Each is a sum of terms, and their mean is the model. Outside of the envelope,
+//! their difference shows the uncertainty of the model.
 //!
 //! ```json
 //! { "format": "isotherm-halves", "version": 1,
@@ -88,7 +88,9 @@ impl HalfTerm {
         let (mean, gain) = (f64::midpoint(self.ridge, self.net), term.gain.get());
         if (mean - gain).abs() > NEAR * self.ridge.abs().max(self.net.abs()) {
             let (gain, mean) = (figure(gain, 9), figure(mean, 9));
-            return Err(format!("{name} with a gain of {gain}, but the mean of the halves is {mean}"));
+            return Err(format!(
+                "{name} with a gain of {gain}, but the mean of the gains in the two halves is {mean}"
+            ));
         }
         let apart = self.ridge - self.net;
         apart

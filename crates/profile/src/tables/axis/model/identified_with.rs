@@ -26,7 +26,7 @@ impl RawIdentifiedWith {
         let has = of_machine.map_or_else(|| "none".to_owned(), |span| format!("\"{}\"", shown(span)));
         let message = format!(
             "the model was identified with `settle = \"{own}\"`, but [machine] has {has}: the references of \
-             the rises differ"
+             the temperature rises differ"
         );
         let help = format!("write settle = \"{own}\" in [machine], or identify the model again");
         at.key("settle").warn(message, help);

@@ -13,7 +13,7 @@ use crate::tables::KeyContext;
 use isotherm_core::compensation::model::{Input, Reference};
 use isotherm_core::quantity::Celsius;
 
-/// Longest allowed time constant. The effect of a longer lag would not be visible within a shift.
+/// Longest allowed time constant of a lag: one week. The effect of a longer lag would not be visible within a shift.
 pub(super) const LONGEST_LAG: Duration = Duration::from_hours(7 * 24);
 
 /// Signals of a model, by name or in order.
@@ -24,7 +24,7 @@ pub(super) enum Inputs {
     InOrder(Vec<InputValue>),
 }
 
-/// Input: the name of a signal, or a table if it has its own reference.
+/// Input of a model: the name of a signal, or a table if the input has its own reference or lag.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(untagged)]
 #[schemars(rename = "Input", description = "")]
@@ -97,7 +97,7 @@ impl Inputs {
 }
 
 /// Returns the inputs in the order of the list, with the names of their signals. `default` is the reference of inputs
-/// that have none. If `default` is `None`, a missing reference is an error.
+/// without a reference of their own. If `default` is `None`, an input without a reference is an error.
 pub(super) fn in_order<'r>(
     (raw, reference): (Option<&'r Inputs>, Option<ReferenceValue>),
     at: &KeyContext<'_>,
@@ -112,7 +112,10 @@ pub(super) fn in_order<'r>(
         }
     };
     if inputs.is_empty() {
-        return list.reject("a model without inputs follows no temperature", "name at least one signal");
+        return list.reject(
+            "a model without inputs follows no temperature",
+            "write at least one signal in `inputs`",
+        );
     }
     let of_model = reference.map(Reference::from).or(default);
     let (mut found, mut names, mut lacks_reference) = (Vec::new(), Vec::new(), false);
@@ -161,8 +164,8 @@ pub(super) fn lag(
     }
     let lag = at.key("lag").duration(raw)?;
     if lag > LONGEST_LAG {
-        let help =
-            "a structure with this lag hardly changes within a shift: leave the term out, or check the unit";
+        let help = "a structure with this lag hardly changes within a shift: remove the term, or check the \
+                    unit of `lag`";
         at.key("lag").invalid(format!("{} is longer than a week", shown(lag)), help);
     }
     Some(Some(lag))

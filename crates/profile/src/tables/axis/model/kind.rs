@@ -8,11 +8,11 @@ use isotherm_core::reading::SignalId;
 
 /// Kind of model: its keys, its parser and its preview.
 pub(super) struct KindOfModel {
-    /// Word for the kind in the key `kind`.
+    /// Value of the key `kind` for this kind of model.
     pub(super) word: &'static str,
     /// Name with its article in messages: "a matrix".
     pub(super) one: &'static str,
-    /// Keys of this kind, in addition to those of every model.
+    /// Keys that models of this kind may have, in addition to the keys that every model may have.
     pub(super) keys: &'static [&'static str],
     pub(super) resolve: fn(&RawModel, &KeyContext<'_>) -> Option<Kind>,
     /// Preview of a model. `None` for a model of another kind.

@@ -10,7 +10,7 @@ use crate::tables::{KeyContext, optional};
 use isotherm_core::compensation::model::{Input, Kind, Linear, Reference, Slope, Term};
 use isotherm_core::quantity::{Micron, MicronPerCelsius, MicronPerMillimetreCelsius, Millimetre};
 
-/// Number of µm in a mm, for the thermal expansion of a length in mm.
+/// Number of µm in one mm, for the thermal expansion of a length in mm.
 const MICRONS: f64 = 1000.0;
 
 pub(super) const KIND: KindOfModel = KindOfModel {
@@ -43,7 +43,7 @@ fn resolve(raw: &RawModel, at: &KeyContext<'_>) -> Option<Kind> {
     Some(Kind::Linear(Linear { offset, terms: terms?, slope }))
 }
 
-/// Resolves all terms, also those after a term with an error.
+/// Resolves all terms. A term with an error does not prevent the check of the next terms.
 fn terms<Gain>(
     list: &KeyContext<'_>,
     terms: &[RawTerm],
@@ -116,7 +116,7 @@ impl RawTerm {
         if self.expansion.is_some() || self.length.is_some() {
             let key = if self.expansion.is_some() { "expansion" } else { "length" };
             let help = "write `gain` in µm/mm per unit of the signal";
-            at.key(key).wrong_key("a slope has `gain`, and neither `expansion` nor `length`", help);
+            at.key(key).wrong_key("`expansion` and `length` are not allowed in a slope", help);
             return None;
         }
         self.gain(at)

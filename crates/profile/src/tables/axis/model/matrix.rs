@@ -81,7 +81,7 @@ fn resolve(raw: &RawModel, at: &KeyContext<'_>) -> Option<Kind> {
     let needs = [
         ("inputs", "write inputs = [ … ], the signal of each block in the file's order"),
         ("file", "write file = \"column.json\", a matrix next to the profile"),
-        ("position", "name the signal with the position of the axis, in mm"),
+        ("position", "write position = \"…\" with the signal of the axis position in mm"),
         ("component", "write which displacement acts along the axis: \"x\", \"y\", \"z\" or \"-x\", …"),
         ("carries", "write what the guideway carries: \"tool\" or \"work\""),
     ];

@@ -1,6 +1,6 @@
 //! `kind = "network"`: a neural network, as ONNX or in the project's own format below. An ONNX file may also contain a
-//! linear model. Files next to it with its external data are read too. `names` in `inputs` is optional.
-//! Activations are `tanh`, `relu` and `linear`. `output` is in µm.
+//! linear model. Files in the same directory that contain its external data are read too. `names` in `inputs` is
+//! optional. Activations are `tanh`, `relu` and `linear`. `output` is in µm.
 //!
 //! ```json
 //! { "format": "isotherm-network", "version": 1, "type": "bp",
@@ -132,7 +132,7 @@ fn radial(file: RadialFile) -> Result<(Net, Option<Vec<String>>), String> {
     if centres != widths || centres != weights {
         return Err(format!(
             "the network has {centres} centres, {widths} widths and {weights} weights: each node needs one \
-             of each"
+             centre, one width and one weight"
         ));
     }
     let parts = file.centres.into_iter().zip(file.widths).zip(file.weights);
@@ -201,8 +201,8 @@ fn own_format(name: &str, bytes: &[u8]) -> Result<Named, String> {
     })
 }
 
-/// Reads the external files that an ONNX file names, because they contain a part of its numbers. If one of them cannot
-/// be read, reports the reason and returns `None`.
+/// Reads the external files of an ONNX file, which contain some of its weights. If an external file cannot be read,
+/// reports the reason and returns `None`.
 #[cfg(feature = "onnx")]
 fn external(
     raw: &RawModel,
@@ -224,7 +224,8 @@ fn external(
     let directory = std::path::Path::new(name).parent().unwrap_or(std::path::Path::new(""));
     let read = |file: String| {
         let beside = directory.join(&file);
-        let help = "the ONNX file contains only a part of the network: put this file, of the same export, next to it";
+        let help = "the ONNX file contains only a part of the network: copy this file from the same export \
+                    into the directory of the ONNX file";
         Some((file, at.file(beside.to_str()?, help)?))
     };
     files.into_iter().map(read).collect()

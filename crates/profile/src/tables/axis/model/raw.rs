@@ -59,10 +59,10 @@ pub(crate) struct RawModel {
     /// page shows the error next to Cz.
     pub(super) expected: Option<RawExpected>,
     /// File that relates the sensors to each other. With the file, the gateway detects a frozen sensor, and calculates
-    /// the reading of a frozen or lost one.
+    /// the reading of a frozen or lost sensor.
     pub(super) stand_ins: Option<String>,
-    /// SHA-256 of the model's files, by the key that names each file. A changed file is rejected. `isotherm identify`
-    /// writes these keys.
+    /// SHA-256 of each file of the model, under the key with the path of the file. A changed file is rejected.
+    /// `isotherm identify` writes these keys.
     pub(super) sha256: Option<RawSeals>,
     /// Only for kind = "matrix": signal with the position of the axis, mm.
     pub(super) position: Option<String>,
@@ -73,7 +73,7 @@ pub(crate) struct RawModel {
     /// direction.
     pub(super) component: Option<Component>,
     /// Only for kind = "matrix": part that the guideway carries. A positive displacement of the tool is a positive
-    /// error, one of the workpiece a negative error.
+    /// error. A positive displacement of the workpiece is a negative error.
     pub(super) carries: Option<Carries>,
 }
 
@@ -111,8 +111,8 @@ pub(super) struct RawTerm {
     /// `expansion` with `length`, but not in a slope.
     pub(super) gain: Option<f64>,
     /// Reference from which the rise is measured. A number such as 20.0 is the signal's value at which the structure
-    /// has its cold geometry. "start" is the value at machine start, "zero" that at the last zero command. With 0.0,
-    /// the rise is the value itself.
+    /// has its cold geometry. "start" is the value at machine start, "zero" the value at the last zero command. With
+    /// 0.0, the rise is the value itself.
     #[schemars(required)]
     pub(super) reference: Option<ReferenceValue>,
     /// Time constant C of a first-order lag behind the signal. After the time t, the term has followed a step of the

@@ -32,8 +32,8 @@ pub(super) struct RawSeals {
 }
 
 impl RawSeals {
-    /// Returns the keys of a model that can name a file. Each comes with the SHA-256 that the profile states, or
-    /// `None`.
+    /// Returns each key of a model that can contain the path of a file, with the SHA-256 that the profile states for
+    /// the file. The SHA-256 is `None` if the profile does not state it.
     fn each(&self) -> [(&'static str, Option<&String>); 4] {
         [
             ("file", self.file.as_ref()),
@@ -50,19 +50,22 @@ impl RawSeals {
         for ((key, seal), named) in self.each().into_iter().zip(files) {
             match (seal, named) {
                 (Some(_), None) => {
-                    let help = format!("name the file with `{key}`, or remove this SHA-256");
-                    place.key(key).wrong_key(format!("the model has no `{key}` for this SHA-256"), help);
+                    let help = format!("write the path of the file in `{key}`, or remove this SHA-256");
+                    place.key(key).wrong_key(
+                        format!("the model has a SHA-256 for the file `{key}`, but no key `{key}`"),
+                        help,
+                    );
                 }
                 (Some(seal), Some(name)) if !is_sha256(seal) => place.key(key).invalid(
                     format!("a SHA-256 has {DIGITS} hex digits"),
-                    format!("write what `sha256sum {name}` prints"),
+                    format!("write the digits that `sha256sum {name}` prints"),
                 ),
                 (None, Some(name)) if self.each().iter().any(|(_, seal)| seal.is_some()) => {
                     let message = format!(
                         "{name} has no `sha256.{key}`, but other files have one: a change of this file is \
                          not detected"
                     );
-                    let help = format!("write sha256.{key}, which `sha256sum {name}` prints");
+                    let help = format!("write sha256.{key} with the digits that `sha256sum {name}` prints");
                     at.key(key).warn(message, help);
                 }
                 _ => {}

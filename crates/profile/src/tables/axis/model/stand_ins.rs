@@ -25,8 +25,8 @@ use isotherm_core::compensation::model::StandIns;
 use isotherm_core::compensation::model::stand_ins::{Described, Replaces};
 use isotherm_core::reading::SignalId;
 
-/// Largest number of sensors in a file and of terms per sensor. The limits bound the duration of the step at the end of
-/// a minute, which computes all terms.
+/// Largest number of sensors in a file and of terms per sensor. The gateway calculates all terms at the end of each
+/// minute, so the limits bound the duration of this calculation.
 const MOST_SENSORS: usize = 128;
 const MOST_TERMS: usize = 1024;
 
@@ -98,7 +98,7 @@ impl StandInsFile {
         }
         for (place, sensor) in self.sensors.iter().enumerate() {
             if self.sensors.iter().take(place).any(|other| other.signal == sensor.signal) {
-                return Err(format!("{} is listed twice: remove one", sensor.signal));
+                return Err(format!("sensor {} is listed twice: remove one of the two", sensor.signal));
             }
         }
         self.sensors.iter().map(|sensor| sensor.described(names)).collect()
@@ -151,9 +151,9 @@ pub(super) fn preview(signals: &[Signal], stand_ins: &StandIns) -> String {
     let are = if count == 1 { "is" } else { "are" };
     let mut text = format!("{} {are} checked for frozen readings", counted(count, "sensor"));
     let groups = [
-        (Replaces::FrozenOrLost, "if frozen or lost, other sensors replace"),
-        (Replaces::Frozen, "only if frozen, not if lost, other sensors replace"),
-        (Replaces::Nothing, "no other sensors replace"),
+        (Replaces::FrozenOrLost, "other sensors replace a frozen or lost"),
+        (Replaces::Frozen, "other sensors replace a frozen, but not a lost"),
+        (Replaces::Nothing, "no other sensors replace a frozen or lost"),
     ];
     for (wanted, words) in groups {
         let found = stand_ins.watched().filter(|(_, replaces)| *replaces == wanted);
