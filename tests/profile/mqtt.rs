@@ -40,7 +40,7 @@ fn what_is_wrong_with_it_is_said_at_its_key() {
         ("group = \"a/#\"", "mqtt.group", "cannot begin a topic"),
         ("group = \"$SYS\"", "mqtt.group", "cannot begin a topic"),
         ("group = \"a//b\"", "mqtt.group", "cannot begin a topic"),
-        ("every = \"10ms\"", "mqtt.every", "published this often"),
+        ("every = \"10ms\"", "mqtt.every", "does not publish a topic this often"),
         ("every = \"1min\"\nrefresh = \"30s\"", "mqtt.refresh", "shorter than `every`"),
         ("buffer = \"100MB\"", "mqtt.buffer", "only for format = \"sparkplug-b\""),
         (

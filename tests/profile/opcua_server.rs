@@ -76,7 +76,7 @@ fn what_is_wrong_with_it_is_said_at_its_key() {
         ("security = \"none\"".to_owned(), "opcua_server", "no client may log in"),
         (format!("{open}listen = \"4840\""), "opcua_server.listen", "not a host with a port"),
         (format!("{open}listen = \"0.0.0.0:99999\""), "opcua_server.listen", "not a host with a port"),
-        (format!("{open}every = \"10ms\""), "opcua_server.every", "not updated this often"),
+        (format!("{open}every = \"10ms\""), "opcua_server.every", "does not update the nodes this often"),
         (format!("{open}cert = \"server.der\""), "opcua_server.cert", "only for a secured server"),
         (format!("{open}trusted = \"clients\""), "opcua_server.trusted", "only for a secured server"),
         ("security = \"sign\"\nanonymous = true".to_owned(), "opcua_server.cert", "`cert` is missing"),

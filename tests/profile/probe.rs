@@ -194,9 +194,9 @@ fn an_axis_that_learns_has_one_more_model_with_every_temperature() {
     assert_eq!((of_signal("bed"), of_signal("wheelhead"), of_signal("probe_z")), (4, 0, 0));
     assert!(model.numbers().all(|number| number.abs() < 1e-300), "nothing is learned yet");
     let reported = isotherm_profile::preview::Preview::of(&machine).to_string();
-    let words = "once a day, the gateway learns a model from these errors without wheelhead. If it is better \
-                 than the model in use, the gateway adopts it at the next datum; the adoption of a model \
-                 does not change Cz";
+    let words = "once a day, the gateway learns a model from these errors without wheelhead. If the learned \
+                 model is better than the model in use, the gateway adopts it at the next datum; the \
+                 adoption of a model does not change Cz";
     assert!(reported.contains(words), "`{words}` is not in:\n{reported}");
     assert!(!reported.contains("learned:"), "the model without gains is not listed:\n{reported}");
 }

@@ -161,7 +161,9 @@ impl Axis {
             bounds += &format!("; changes of up to {} µm are ignored", guard.deadband.get());
         }
         bounds.extend(
-            guard.count.map(|count| format!("; Cz changes in steps of {} µm, one count", count.get())),
+            guard
+                .count
+                .map(|count| format!("; Cz changes in steps of {} µm, the size of one count", count.get())),
         );
         bounds.extend(levels.warn.map(|warn| format!("; beyond ±{} µm the gateway warns", warn.get())));
         bounds.extend(levels.error.map(|error| {
@@ -193,8 +195,8 @@ impl Axis {
         !self.settings.models.is_empty()
     }
 
-    /// Returns whether Cz depends on a value captured at this reference ("start" or "zero"). This is the case if a
-    /// model or the datum (zero point of Cz) of the axis uses the reference.
+    /// Returns whether Cz depends on a value that was captured for this reference ("start" or "zero"). This is the case
+    /// if a model or the datum (zero point of Cz) of the axis uses the reference.
     pub fn counts_from(&self, reference: Reference) -> bool {
         let by_datum = reference == Reference::Zero && self.settings.datum == Datum::Zero;
         by_datum

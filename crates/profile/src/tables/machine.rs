@@ -91,7 +91,8 @@ pub(super) struct Machine {
     pub(super) on_stop: OnStop,
 }
 
-/// Resolves the table `[machine]`. `guarded` returns the keys that a layer may set only with permission.
+/// Resolves the table `[machine]`. `guarded` returns the keys that a layer above the profile file may set only with
+/// permission.
 pub(super) fn resolve(
     at: &KeyContext<'_>,
     raw: Option<&RawMachine>,

@@ -225,7 +225,7 @@ impl RawMqtt {
         let every = at.key("every").duration(self.every).unwrap_or(EVERY);
         if every < SHORTEST {
             let help = "write \"100ms\" or longer: faster changes are in the logs";
-            at.key("every").invalid("no topic is published this often", help);
+            at.key("every").invalid("the gateway does not publish a topic this often", help);
         }
         every
     }

@@ -127,7 +127,7 @@ impl RawOpcUaServer {
         let every = at.key("every").duration(self.every).unwrap_or(EVERY);
         if every < SHORTEST {
             let help = "write \"100ms\" or longer: faster changes are in the logs";
-            at.key("every").invalid("the nodes are not updated this often", help);
+            at.key("every").invalid("the gateway does not update the nodes this often", help);
         }
         Some(OpcUaServer {
             listen: listen?,

@@ -238,9 +238,9 @@ impl OutputSet {
         section
     }
 
-    /// Returns the requests for writing the registers, in order. It is one request if all are adjacent. Otherwise the
-    /// values and the complement come first, and the sequence alone comes last. No request has more than `most`
-    /// registers.
+    /// Returns the requests for writing the registers, in order. One request is enough if all registers are adjacent.
+    /// Otherwise the values and the complement come first, and the sequence alone comes last. No request has more than
+    /// `most` registers.
     pub fn stretches<'a>(&self, outputs: impl Iterator<Item = &'a Output>, most: u16) -> Vec<Stretch> {
         let values = outputs.filter_map(|output| {
             Some((output.address.register()?.offset, output.encoding.data_type.registers()))

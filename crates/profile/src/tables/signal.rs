@@ -112,7 +112,7 @@ pub(crate) struct RawSignal {
     /// Whether a read request may include adjacent registers of other signals. Default true.
     #[schemars(extend("x-layers" = "free"))]
     merge: Option<bool>,
-    /// Settings of a counting signal: rollover and new reference.
+    /// Settings of a counting signal, for example a linear scale.
     counter: Option<RawCounter>,
     /// CAN: message and signal in the device's DBC file: "Message.Signal". Long names are allowed.
     pub(crate) dbc: Option<String>,
@@ -173,7 +173,7 @@ pub struct Signal {
     pub fault_when: Option<Box<Condition>>,
     /// Whether a read request may include adjacent registers of other signals.
     pub merge: bool,
-    /// Settings of a counting signal: rollover and new reference.
+    /// Settings of a counting signal, for example a linear scale.
     pub counter: Option<Counter>,
     /// Command that is written before each read, to capture the count.
     pub capture: Option<Capture>,

@@ -1,4 +1,4 @@
-//! `[web]`: web page, API, metrics.
+//! `[web]`: settings of the web page, the API and the metrics.
 
 use std::path::PathBuf;
 

@@ -263,9 +263,12 @@ pub(super) fn preview(signals: &[Signal], axis: &Axis, settings: &ProbeSettings)
                 text.push_str(&format!(" without {}", names.join(", ")));
             }
             text.push_str(match learning.adopt {
-                Policy::Propose => ". If it is better than the model in use, an operator may adopt it",
+                Policy::Propose => {
+                    ". If the learned model is better than the model in use, an operator may adopt it"
+                }
                 Policy::Auto => {
-                    ". If it is better than the model in use, the gateway adopts it at the next datum"
+                    ". If the learned model is better than the model in use, the gateway adopts it at the \
+                     next datum"
                 }
             });
             text.push_str("; the adoption of a model does not change Cz");

@@ -1,4 +1,4 @@
-//! Preview of the publication, with its topics.
+//! Preview of the MQTT publication: broker, periods, topics and accepted commands.
 
 use super::{Mqtt, MqttFormat};
 use crate::Profile;

@@ -50,8 +50,8 @@ pub(crate) fn resolve(
         at.key("verify").invalid(message, "remove `verify`, or write verify = \"read-back\"");
         // Otherwise the check of the read-back reports it.
         if device.is_some_and(|device| !device.functions.reads(Table::Holding)) {
-            let message = "the gateway share is known only if the register is read, and `functions` of the \
-                           device does not allow this";
+            let message = "the gateway share is known only if the register is read, but `functions` of the \
+                           device does not allow reading";
             let help = "add \"read-holding\" to `functions` of the device, if the device supports it";
             place.invalid(message, help);
         }

@@ -1,4 +1,5 @@
-//! `counter` of a signal: rollover and new reference.
+//! `counter` of a counting signal: the rollover of its count, its largest speed, and the command that captures the
+//! count.
 
 use std::time::Duration;
 
@@ -88,10 +89,10 @@ impl RawCapture {
         if let Some(device) = device {
             match address.table {
                 Table::Coil if !device.functions.write_coil => {
-                    device.lacks(&at, "this command needs write-coil", "\"write-coil\"");
+                    device.lacks(&at, "this command needs the function write-coil", "\"write-coil\"");
                 }
                 Table::Holding if device.functions.writes(1).is_none() => {
-                    device.lacks(&at, "this command needs write-single", "\"write-single\"");
+                    device.lacks(&at, "this command needs the function write-single", "\"write-single\"");
                 }
                 Table::Coil | Table::Holding => {}
                 Table::Input | Table::Discrete => {

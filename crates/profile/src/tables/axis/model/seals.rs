@@ -62,8 +62,8 @@ impl RawSeals {
                 ),
                 (None, Some(name)) if self.each().iter().any(|(_, seal)| seal.is_some()) => {
                     let message = format!(
-                        "{name} has no `sha256.{key}`, but other files have one: a change of this file is \
-                         not detected"
+                        "{name} has no `sha256.{key}`, but other files of the model have a SHA-256: a change \
+                         of this file is not detected"
                     );
                     let help = format!("write sha256.{key} with the digits that `sha256sum {name}` prints");
                     at.key(key).warn(message, help);
