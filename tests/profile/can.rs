@@ -371,7 +371,7 @@ fn a_can_line_is_explained_in_words_and_figures() {
         "  axtc: CANopen node 5",
         "    the gateway starts node 5 by NMT at its own start and after each boot-up of the node",
         "    the heartbeat of the node counts as missing after 2s, also if none was ever received",
-        "    before each start writes 1800:05 = 100 (u16): TPDO1 every 100 ms",
+        "    before each start of the node writes 1800:05 = 100 (u16): TPDO1 every 100 ms",
         "    object 6150:01, u8, every 1s: column_status",
         "    before arming and every 1m object 6110:01 must read 3: sensor type of channel 1",
         "    emergency 0xff01: open thermocouple",

@@ -139,13 +139,13 @@ fn what_is_wrong_with_a_server_is_told_at_its_key() {
         ("opc.tcp://::1", "\"opc.tcp://[::1]:4840\""),
         ("opc.tcp://ho st", "contains a space"),
         (" opc.tcp://nck", "\"opc.tcp://nck\""),
-        ("opc.tcp://nck:x", "no host and port"),
+        ("opc.tcp://nck:x", "not a host and port"),
     ] {
         no_server("opc.tcp://192.168.214.241", address, "bus.control.address", "\"", &[words]);
     }
     let v6 = parse(&SERVER.replace("192.168.214.241", "[::1]")).unwrap_or_else(|errors| panic!("{errors}"));
     assert_eq!(v6.profile.buses[0].address, "opc.tcp://[::1]:4840");
-    no_server("opc.tcp://", "opc.tcp://user@", "bus.control.address", "\"opc", &["must not name a user"]);
+    no_server("opc.tcp://", "opc.tcp://user@", "bus.control.address", "\"opc", &["must not contain a user"]);
     no_server(
         "\"none\"\n",
         "\"none\"\ncert = \"own.der\"\n",

@@ -132,7 +132,7 @@ fn a_wrong_text_is_reported_at_its_key() {
     no_text(x, "register = \"input:0\"", "signal.x.register", "register", &["a Modbus device"]);
     no_text(x, &format!("{x}\ntype = \"f64\""), "signal.x.type", "type", &["a decimal number"]);
     no_text(x, &format!("{x}\nrequest = \"\""), "signal.x.request", "\"\"", &["1 to 64 characters"]);
-    no_text(x, &format!("{x}\nrequest = \"°\""), "signal.x.request", "\"°\"", &["is no ASCII character"]);
+    no_text(x, &format!("{x}\nrequest = \"°\""), "signal.x.request", "\"°\"", &["is not an ASCII character"]);
     let unknown = format!("{x}\nrequest = \"{{n}}\"");
     no_text(x, &unknown, "signal.x.request", "\"{n}\"", &["unknown word in braces", "{sum}"]);
     no_text(

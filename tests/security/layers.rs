@@ -56,7 +56,10 @@ fn what_is_set_above_the_profile_is_in_the_log_in_check_in_status_and_where_the_
     let (shown, said) = both(&checked);
     lines.iter().for_each(|line| assert!(shown.contains(line), "{line}\nis not in\n{shown}{said}"));
     assert!(shown.contains("machine.local.toml:2\n"), "{shown}");
-    assert!(said.contains("not used, because they are no settings: ISOTHERM_PORT_8080_TCP"), "{said}");
+    assert!(
+        said.contains("ignored, because they are not settings of isotherm: ISOTHERM_PORT_8080_TCP"),
+        "{said}"
+    );
 
     let state = home.path().join("state");
     let mut run = isotherm(home.path());

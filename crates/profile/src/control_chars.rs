@@ -1,4 +1,4 @@
-//! Escapes or masks texts from other sources before they are displayed: profiles, devices, file names, network clients.
+//! Escapes or masks texts that come from profiles, devices, file names or network clients, before they are displayed.
 //! Escaped control characters cannot end a line, control a terminal or change the direction of text. Secret parts of
 //! addresses are masked.
 
@@ -43,7 +43,7 @@ fn escaped(text: &str, is_unwanted: impl Fn(char) -> bool) -> Cow<'_, str> {
 }
 
 /// Masks the user, password and query of each address (`https://…`) with asterisks. The path of a quoted web address
-/// may contain a secret, so it is masked too. The number of bytes stays the same.
+/// may contain a secret, so it is masked too. The text keeps its number of bytes.
 pub(crate) fn veiled(text: &str) -> Cow<'_, str> {
     const BEGIN: &str = "://";
     if !text.contains(BEGIN) {

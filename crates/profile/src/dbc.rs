@@ -1,4 +1,5 @@
-//! Reader of DBC files, which describe CAN frames. It finds the frames and bits of a signal by the signal's name.
+//! Reader of DBC files. A DBC file describes CAN frames (its `messages`) and the values in the bits of these frames
+//! (its `signals`). The reader finds the frames and bits of a signal by the name of the signal.
 
 use std::collections::BTreeMap;
 use std::rc::Rc;
@@ -58,18 +59,19 @@ pub(crate) struct DbcFile {
 /// Description of one signal in a DBC file.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Described {
-    /// Frames that contain the signal, and its bits.
+    /// Frames that contain the signal, and the bits of the signal in these frames.
     pub(crate) field: Field,
     pub(crate) scale: f64,
     pub(crate) offset: f64,
-    /// Unit of the value after scale and offset.
+    /// Unit of the value after `scale` and `offset` have been applied.
     pub(crate) unit: FileUnit,
 }
 
 /// Error in a DBC file, or in the name of a signal. Only an error in the file itself has a position.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Wrong {
-    /// Line and column in the DBC file, counted from 1. `None` if the error has no single position.
+    /// Line and column in the DBC file, counted from 1. `None` if the error does not belong to a single place in the
+    /// file.
     pub(crate) at: Option<(usize, usize)>,
     pub(crate) message: String,
     pub(crate) help: String,
@@ -139,7 +141,7 @@ impl DbcFile {
         }
         let Some((message_name, signal_name)) = name.split_once('.') else {
             let help = format!("write \"Message.Signal\"; messages: {}", self.message_names().join(", "));
-            return Err(Wrong::about(format!("`{name}` is not the name of a message and a signal"), help));
+            return Err(Wrong::about(format!("`{name}` does not name a message and its signal"), help));
         };
         let message = self.message(message_name)?;
         let signal = self.signal_in(message, signal_name)?;
@@ -181,7 +183,8 @@ impl DbcFile {
             let what = format!("the identifier of `{}` has more than 11 bits", message.name);
             let mut wrong = self.at(&format!(" {}:", message.name), None, what);
             wrong.help =
-                "in a DBC file, an identifier of 29 bits needs bit 31: add 2147483648 to it".to_owned();
+                "in a DBC file, an identifier of 29 bits needs bit 31: add 2147483648 to the identifier"
+                    .to_owned();
             return Err(wrong);
         };
         match (is_group, id.is_extended()) {
@@ -202,8 +205,8 @@ impl DbcFile {
         }
     }
 
-    /// Returns whether a message is a J1939 parameter group. This is the case if the device has a source address, or if
-    /// the file marks the message as one.
+    /// Returns whether a message is a J1939 parameter group. This is the case if `source` contains a J1939 source
+    /// address, or if the file gives the message the frame format `J1939PG`.
     fn is_group(&self, message: &Message, source: Option<u8>) -> bool {
         source.is_some() || self.format(message.id) == Some("J1939PG")
     }
@@ -270,7 +273,8 @@ impl DbcFile {
     }
 
     /// Returns the multiplexers that select a signal. Each comes with the multiplexer values at which a frame contains
-    /// the signal. Empty if every frame of the message contains the signal.
+    /// the signal. Empty if every frame of the message contains the signal. `deep` is the largest depth of nested
+    /// multiplexers.
     fn selectors(&self, message: &Message, signal: &Signal, deep: usize) -> Result<Vec<Selector>, Wrong> {
         let extended: Vec<_> = (self.dbc.extended_multiplex.iter())
             .filter(|known| known.message_id == message.id && known.signal_name == signal.name)
@@ -314,8 +318,8 @@ impl DbcFile {
         })
     }
 
-    /// Builds an error at the first line that contains `text`. With a `message`, the search begins at the line of this
-    /// message.
+    /// Builds an error with the message `what` at the first line that contains `text`. With a `message`, the search
+    /// begins at the line of this message.
     fn at(&self, text: &str, message: Option<&&str>, what: String) -> Wrong {
         let mut lines = self.text.lines().enumerate();
         if let Some(message) = message {

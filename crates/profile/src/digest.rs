@@ -11,10 +11,10 @@ pub fn sha256(bytes: &[u8]) -> String {
     in_hex(&Sha256::digest(bytes))
 }
 
-/// Returns the SHA-256 of everything that a reader returns, as 64 hex digits.
+/// Returns the SHA-256 of all bytes that a reader returns, as 64 hex digits.
 ///
 /// # Errors
-/// Those of the reader.
+/// Errors of the reader.
 pub fn sha256_of(mut reader: impl Read) -> std::io::Result<String> {
     let (mut digest, mut part) = (Sha256::new(), vec![0; 1 << 16]);
     loop {

@@ -12,7 +12,7 @@ pub(crate) struct Section {
     json: Vec<(&'static str, Json)>,
 }
 
-/// JSON whose objects keep the order of their keys. `serde_json::Value` sorts them.
+/// JSON value whose objects keep the order of their keys. `serde_json::Value` would sort the keys.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) enum Json {
     Value(Value),
@@ -26,7 +26,7 @@ impl Section {
         self.lines.push(line.into());
     }
 
-    /// Adds lines of text, each with `label` before it. An `Option` adds one line or none.
+    /// Adds lines of text, each with `label` before it. An `Option` counts as a list of one line or no line.
     pub(crate) fn lines<T: fmt::Display>(&mut self, label: &str, lines: impl IntoIterator<Item = T>) {
         self.lines.extend(lines.into_iter().map(|line| format!("{label}{line}")));
     }
@@ -41,7 +41,7 @@ impl Section {
         self.json(key, Json::Value(serde_json::to_value(value).unwrap_or_default()));
     }
 
-    /// Adds a key to the JSON object. Unlike with `entry`, the value is another object, or contains one.
+    /// Adds a key to the JSON object. Unlike the value of `entry`, this value may be an object or a list of objects.
     pub(crate) fn json(&mut self, key: &'static str, json: impl Into<Json>) {
         self.json.push((key, json.into()));
     }

@@ -1,8 +1,8 @@
 //! Edits the text of a profile: replaces the models of an axis, or adds the signal that shows that the machine is on.
 //! Everything else stays as it was written, including comments and order.
 //!
-//! The edits work on lines. Each result is parsed again and compared with the profile before, so that an edit that
-//! changes anything else is refused.
+//! The edits work on lines. Each result is parsed again and compared with the unedited profile. An edit that changes
+//! anything else is refused.
 
 use std::ops::Range;
 
@@ -39,7 +39,7 @@ pub fn put_model(text: &str, axis: &str, block: &str) -> Result<ModelEdit, Strin
         let models = axis.and_then(|axis| axis.remove("model"));
         Ok((table, models))
     };
-    let new = models(block)?.1.ok_or_else(|| format!("the block contains no [[axis.{axis}.model]]"))?;
+    let new = models(block)?.1.ok_or_else(|| format!("the new text has no [[axis.{axis}.model]]"))?;
     let (rest, before) = models(text)?;
     let lines: Vec<&str> = text.split_inclusive('\n').collect();
     let sections = sections(&lines)?;
@@ -68,7 +68,7 @@ pub fn put_model(text: &str, axis: &str, block: &str) -> Result<ModelEdit, Strin
         models(&edited).is_ok_and(|(rest_now, now)| rest_now == rest && now.as_ref() == Some(&new));
     if !is_as_meant {
         return Err(format!(
-            "its tables of axis {axis} are written in a form that cannot be edited automatically"
+            "the tables of axis {axis} are written in a form that cannot be edited automatically"
         ));
     }
     let replaced = before.as_ref().and_then(Value::as_array).map_or(0, Vec::len);
@@ -102,7 +102,7 @@ pub fn put_machine_on(text: &str, signal: &str) -> Result<String, String> {
 }
 
 fn parsed(text: &str) -> Result<Table, String> {
-    text.parse::<Table>().map_err(|why| format!("it is not valid TOML: {}", why.message()))
+    text.parse::<Table>().map_err(|why| format!("the profile is not valid TOML: {}", why.message()))
 }
 
 /// Returns the position of every table of a profile, in the order of the lines.
@@ -123,8 +123,8 @@ fn sections(lines: &[&str]) -> Result<Vec<Section>, String> {
     Ok(sections)
 }
 
-/// Returns the lines of a table without comments at its end that follow a blank line. Such comments belong to the rest
-/// of the file.
+/// Returns the lines of a table. Comments at the end of the table are left out if they follow a blank line, because
+/// such comments belong to the rest of the file.
 fn without_loose_comments(lines: &[&str], section: &Section) -> Range<usize> {
     let Section { lines: Range { start, end }, header, .. } = section;
     let is_blank = |line: &&str| line.trim().is_empty();

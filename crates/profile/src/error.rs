@@ -35,8 +35,9 @@ pub struct ProfileError {
     /// Number of further errors that are not listed. Only the last listed error has a number other than 0.
     #[serde(skip_serializing_if = "is_nought")]
     pub more: usize,
-    /// Value of the profile's key `allow_override` that would permit this setting in a layer (local file, environment
-    /// or `--set`). Empty if no value permits the setting. `None` for all other errors.
+    /// For a key that a layer (local file, environment or `--set`) must not set: the value of the profile's key
+    /// `allow_override` that would permit the layer to set this key. Empty if no value permits this. `None` for all
+    /// other errors.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub allow_override: Option<Vec<String>>,
 }
@@ -107,8 +108,8 @@ impl Findings {
         self.len() == 0
     }
 
-    /// Returns the errors for a report, in the order of layers and lines. Errors about values that only the profile
-    /// itself may set come first.
+    /// Returns the errors for a report. Errors about values that only the profile itself may set come first, then all
+    /// other errors. Both groups are in the order of layers and lines.
     pub(crate) fn listed(mut self, spans: &SourceMap) -> Vec<ProfileError> {
         spans.sort(&mut self.described);
         self.described.sort_by_key(|error| error.allow_override.is_none());
@@ -134,8 +135,8 @@ fn cut(text: &mut String, longest: usize) {
     }
 }
 
-/// Errors of a profile, in the order of its layers (profile, local file, environment, `--set`) and lines. Errors about
-/// values that only the profile itself may set come first.
+/// Errors of a profile. Errors about values that only the profile itself may set come first, then all other errors.
+/// Both groups are in the order of the layers (profile, local file, environment, `--set`) and lines.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 #[serde(transparent)]
 pub struct Errors(pub Vec<ProfileError>);

@@ -1,7 +1,8 @@
 //! Recognises the kind of a file by its content. A message can then say that the user gave another kind of file than
 //! expected.
 //!
-//! A reader asks for the kind only after it has rejected a file. A wrong guess therefore never rejects a valid file.
+//! The kind of a file is guessed only after the file has been rejected as invalid. A wrong guess therefore never
+//! rejects a valid file.
 
 use std::io::Read as _;
 use std::path::Path;

@@ -111,7 +111,7 @@ impl Files<'_> {
     /// Reads the text of an optional file. Returns `None` if it does not exist.
     ///
     /// # Errors
-    /// A sentence, if the file exists but cannot be read.
+    /// The file exists, but cannot be read. The error is one sentence.
     pub(crate) fn text(&self, name: &str) -> Result<Option<String>, String> {
         if !self.is_there(name) {
             if let Files::Beside(disk) = self
@@ -133,7 +133,8 @@ impl Files<'_> {
         }
     }
 
-    /// Returns whether this certificate or key is missing, and may be missing because it is created later.
+    /// Returns whether the file of this certificate or key does not exist yet, and this is allowed because the file is
+    /// created later.
     pub(crate) fn is_to_be_made(&self, name: &str) -> bool {
         matches!(self, Files::Beside(disk) if disk.certificates == Certificates::ToBeMade)
             && !self.is_there(name)
@@ -199,7 +200,7 @@ impl Files<'_> {
     /// Reads the bytes of a file.
     ///
     /// # Errors
-    /// A sentence, if the file does not exist, cannot be read, or is too large.
+    /// The file does not exist, cannot be read, or is too large. The error is one sentence.
     pub(crate) fn read(&self, name: &str) -> Result<Vec<u8>, String> {
         self.bytes(name, safe_file::LARGEST)
     }

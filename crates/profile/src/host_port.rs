@@ -101,7 +101,7 @@ pub(crate) fn is_host(text: &str) -> bool {
     }
 }
 
-/// Returns whether a host is this computer. An IPv6 address may have brackets.
+/// Returns whether a host name or IP address means this computer (loopback). An IPv6 address may have brackets.
 pub(crate) fn is_loopback(host: &str) -> bool {
     let plain = host.trim_matches(['[', ']']);
     plain == "localhost" || plain.parse::<IpAddr>().is_ok_and(|ip| ip.is_loopback())

@@ -2,7 +2,7 @@
 
 use std::net::IpAddr;
 
-/// Network of IP addresses. A single address is a network of one.
+/// Network of IP addresses. A single address is a network that contains only this address.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct IpNetwork {
     /// Any address of the network. An IPv4 address is never stored as IPv6.
@@ -15,7 +15,7 @@ impl IpNetwork {
     /// Parses an address, or an address and the number of leading bits: `10.0.0.0/24`.
     ///
     /// # Errors
-    /// The text is no network. The error is a hint.
+    /// The text is not a network. The error is a hint for the user.
     pub fn parse(text: &str) -> Result<IpNetwork, &'static str> {
         const FORM: &str =
             "write an address, as \"10.0.0.7\", or a network, as \"10.0.0.0/24\"; a host name is not allowed";
@@ -34,7 +34,7 @@ impl IpNetwork {
         };
         match prefix {
             0 => Err(
-                "this network contains every address: name the proxies, or the network that contains only them",
+                "this network contains every address: write the addresses of the proxies, or a smaller network",
             ),
             prefix if prefix > longest => {
                 Err("an IPv4 network has at most 32 leading bits, an IPv6 network at most 128")

@@ -1,7 +1,8 @@
-//! Context of a key of a profile that is being checked: its path, and functions for errors and warnings.
+//! Context of a key of the profile while the value of the key is checked: the path of the key, and functions that
+//! report errors and warnings.
 //!
-//! A key context contains the names of the tables, but not the tables. A check that needs another table gets it as an
-//! argument.
+//! A key context knows which keys the profile has, but not the values in other tables. A check that needs another table
+//! gets this table as an argument.
 
 use std::cell::RefCell;
 use std::collections::{BTreeMap, HashMap};
@@ -20,7 +21,7 @@ use isotherm_core::reading::SignalId;
 /// second, and use all the time of the computer.
 const SHORTEST_PERIOD: Duration = Duration::from_millis(1);
 
-/// Names of the tables of one kind, in the order of the file.
+/// Names of all tables of one kind, for example of all signals, in the order of the file.
 pub(crate) struct Names {
     pub(crate) kind: &'static str,
     names: Vec<String>,
@@ -38,8 +39,8 @@ pub(crate) struct Report<'a> {
     used: RefCell<Vec<bool>>,
     /// For each signal, by index: its unit. Empty before the signals are resolved.
     units: RefCell<Vec<Option<Unit>>>,
-    /// Names of tables that do not exist, by path. The first number is the index of the error about the table. The
-    /// second is the number of further keys that refer to the table.
+    /// Tables that do not exist, but to which keys refer, by path. The first number is the index of the error about the
+    /// table. The second is the number of further keys that refer to the table.
     absent: RefCell<BTreeMap<String, (usize, usize)>>,
 }
 
@@ -120,7 +121,7 @@ impl<'c> KeyContext<'c> {
         KeyContext { report: self.report, path: child(&self.path, key) }
     }
 
-    /// Returns the context of the entry of this list at an index.
+    /// Returns the context of the list entry with this index. The index counts from 0.
     pub(crate) fn item(&self, index: usize) -> KeyContext<'c> {
         KeyContext { report: self.report, path: element(&self.path, index) }
     }
@@ -135,8 +136,8 @@ impl<'c> KeyContext<'c> {
         self.report.spans.contains(&self.path)
     }
 
-    /// Returns whether this key is missing and no error about this has been reported. Then the key has not been
-    /// written, no template has set the key, and no misspelt key probably means it.
+    /// Returns whether this key is missing and no error about this has been reported. In this case the profile and its
+    /// templates do not set the key, and no unknown key looks like a misspelling of this key.
     pub(crate) fn is_left_out(&self) -> bool {
         let spans = self.report.spans;
         !self.is_written() && !spans.is_right(&self.path) && !spans.is_meant(&self.path)
@@ -179,16 +180,16 @@ impl<'c> KeyContext<'c> {
         self.error(self.report.spans.at_key(&self.path, message, Some(help.into())));
     }
 
-    /// Reports an error if this key, which other keys require, is missing. Does nothing if the key has a wrong value,
-    /// because that error has been reported already.
+    /// Reports an error if this required key is missing. Does nothing if the key has a wrong value, because that error
+    /// has been reported already.
     pub(crate) fn missing(&self, message: impl Into<String>, help: impl Into<String>) {
         if self.is_left_out() {
             self.wrong_key(message, help);
         }
     }
 
-    /// Reports each of these keys that the table has. `owner` is the kind of table that may have them, for example "an
-    /// OPC UA server".
+    /// Reports an error for each of these keys that the table has. `owner` is the kind of table that may have them, for
+    /// example "an OPC UA server".
     pub(crate) fn not_applicable(&self, keys: &[&str], owner: &str, help: &str) {
         for key in keys.iter().filter(|key| self.has(key)) {
             self.key(key).wrong_key(format!("`{key}` is only for {owner}"), help);
@@ -281,7 +282,7 @@ impl<'c> KeyContext<'c> {
         unit.is_some_and(|unit| matches!(unit.0, "degC" | "K"))
     }
 
-    /// Returns the duration. If it is zero, reports an error and returns `None`.
+    /// Returns the duration if it is longer than zero. Otherwise reports an error and returns `None`.
     pub(crate) fn duration(&self, raw: Option<Timespan>) -> Option<Duration> {
         let Timespan(span) = raw?;
         if span.is_zero() {
@@ -290,8 +291,8 @@ impl<'c> KeyContext<'c> {
         Some(span)
     }
 
-    /// Returns the period of a read or write. If it is too short, reports an error and returns `None`, because such a
-    /// period would overload the line and the computer.
+    /// Returns the period of a read or write. If the period is too short, reports an error and returns `None`. Such a
+    /// period would overload the bus and the computer.
     pub(crate) fn period(&self, raw: Option<Timespan>) -> Option<Duration> {
         let span = self.duration(raw)?;
         if span < SHORTEST_PERIOD {
@@ -303,7 +304,7 @@ impl<'c> KeyContext<'c> {
         Some(span)
     }
 
-    /// Returns the number. If it is not above zero, reports an error and returns `None`.
+    /// Returns the number if it is above zero. Otherwise reports an error and returns `None`.
     pub(crate) fn positive(&self, number: Option<f64>) -> Option<f64> {
         let number = number?;
         if number <= 0.0 {
@@ -312,7 +313,7 @@ impl<'c> KeyContext<'c> {
         Some(number)
     }
 
-    /// Returns the content of the file with this name. If it cannot be read, reports an error and returns `None`.
+    /// Returns the content of the file with this name. If the file cannot be read, reports an error and returns `None`.
     pub(crate) fn file(&self, name: &str, help: &str) -> Option<Vec<u8>> {
         self.report.files.read(name).map_err(|why| self.invalid(why, help)).ok()
     }

@@ -7,10 +7,10 @@
 //! # Layout
 //! - `load`, `merge`, `schema_check`, `source_map`: reading the layers, merging them, checking them against the schema,
 //!   and the place of each key.
-//! - `syntax_errors`: the mistakes of a file that is no valid TOML, without their consequences.
-//! - [`edit`]: a model put into the text of a profile; comments stay.
+//! - `syntax_errors`: the syntax errors of a TOML file, without errors that only result from others.
+//! - [`edit`]: replaces a model in the text of a profile, and keeps the comments.
 //! - `overridden_keys`, `protected_keys`: keys that the layers change, and keys that they must not change.
-//! - `file_kind`: kinds of files by their content, to name a file in the place of another.
+//! - `file_kind`: recognises the kind of a file by its content, to report a file of the wrong kind.
 //! - `files`, `sources`: files that a profile names, and the record of everything that was read.
 //! - [`host_and_port`], `ip_network`: addresses. [`safe_file`]: files named by a user. `control_chars`: safe display of
 //!   foreign texts.
@@ -21,7 +21,7 @@
 //! - `tables`: one file for each table of the profile: its keys, checks, resolved form, and preview.
 //! - [`log_columns`]: names of the columns of a log, which no signal may have.
 //! - `written_places`: the registers, nodes, objects and frames that the gateway writes.
-//! - [`plan`], [`preview`]: read requests of a device; the document of `isotherm check`.
+//! - [`plan`]: the read requests of a device. [`preview`]: the output of `isotherm check`.
 
 mod control_chars;
 mod dbc;

@@ -1,4 +1,4 @@
-//! Loading of a profile: converts its layers, which are texts, into a [`Profile`] or into all their errors.
+//! Loads a profile: converts its layers (texts) into a [`Profile`], or returns all errors in these layers.
 
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
@@ -25,24 +25,25 @@ use crate::tables::output::stated;
 use crate::tables::signal::unit::Scaling;
 use crate::{Profile, merge, template};
 
-/// Prefix of environment variables that are a layer of the profile.
+/// Prefix of environment variables that set keys of the profile.
 const PREFIX: &str = "ISOTHERM__";
 /// Prefix of environment variables that are, or look like, settings of this program.
 const FAMILY: &str = "ISOTHERM_";
-/// Environment variable that sets the log level. It begins with `ISOTHERM_`, but is no layer.
+/// Environment variable that sets the log level. It begins with `ISOTHERM_`, but does not set a key of the profile.
 const LOG: &str = "ISOTHERM_LOG";
-/// End of the name of a local file.
+/// Ending of the name of a local file, which overrides keys of the profile next to it.
 const LOCAL: &str = ".local.toml";
-/// Ends of the names of files next to a profile that are no profiles.
+/// Name endings of the files next to a profile that are not profiles themselves.
 const BESIDE: [&str; 2] = [LOCAL, ".plant.toml"];
-/// Largest number of environment variables that a warning names.
+/// Largest number of environment variables that one warning lists.
 const NAMED: usize = 5;
-/// Size in bytes from which a profile is read in a separate thread, which returns its memory to the system.
+/// Size in bytes. A profile of at least this size is loaded in a separate thread, whose memory is then returned to the
+/// system.
 const LARGE: usize = 100_000;
-/// Address space, in bytes, that makes glibc return the free memory of a thread. It is twice the largest block that is
-/// freed after reading a thousand devices.
+/// Address space in bytes. Freeing this much makes glibc return the free memory of a thread. The size is twice the
+/// largest block that is freed after a profile with a thousand devices was loaded.
 const MOST_END: usize = 40_000_000;
-/// Size in bytes of a block that glibc does not map separately.
+/// Size in bytes of an allocated block. A block of this size is small enough for glibc to take it from the heap.
 const PIECE: usize = 100 * 1024;
 
 /// Names with values: settings of the command line, or environment variables.
@@ -206,8 +207,8 @@ fn is_ours(name: &str) -> bool {
     name.starts_with(PREFIX)
 }
 
-/// Warns about environment variables that begin with `ISOTHERM_` but are no settings. An orchestrator sets such
-/// variables for a service named isotherm, and an operator may forget an underscore.
+/// Warns about environment variables that begin with `ISOTHERM_` but are not settings of this program. An orchestrator
+/// sets such variables for a service named isotherm. Or an operator forgot an underscore.
 fn strangers(environment: &Pairs) -> Option<ProfileError> {
     let names = environment.iter().map(|(name, _)| name.as_str());
     let names: Vec<&str> =
@@ -221,23 +222,25 @@ fn strangers(environment: &Pairs) -> Option<ProfileError> {
         "a variable for a key of the profile has two underscores between the names, as \
          {PREFIX}BUS__CELL__ADDRESS; {LOG} sets the log level"
     );
-    let message = format!("these variables are not used, because they are no settings: {listed}{more}");
+    let message =
+        format!("these variables are ignored, because they are not settings of isotherm: {listed}{more}");
     (!names.is_empty()).then(|| ProfileError::about("environment", message, Some(help)))
 }
 
-/// Names of the standard input, which is no file.
+/// Paths that mean the standard input. A profile cannot be read from it.
 const STANDARD_INPUT: [&str; 4] = ["-", "/dev/stdin", "/dev/fd/0", "/proc/self/fd/0"];
 
-/// Returns the error for a profile that cannot be read.
+/// Returns the error for a profile that cannot be read because of the I/O error `why`.
 fn not_read(path: &Path, why: &std::io::Error) -> ProfileError {
     let name = path.display().to_string();
     let (message, help) = match () {
         () if STANDARD_INPUT.contains(&name.as_str()) => {
             ("a profile is not read from standard input", "write it to a file, and give the name of the file")
         }
-        () if path.is_dir() => {
-            ("this is a directory, not a profile", "give the profile in it, as DIRECTORY/my-machine.toml")
-        }
+        () if path.is_dir() => (
+            "this is a directory, not a profile",
+            "give the path of a profile in it, as DIRECTORY/my-machine.toml",
+        ),
         () if why.kind() == ErrorKind::NotFound => {
             let message = format!("the profile cannot be read: {}", without_numbers(&why.to_string()));
             return ProfileError::about(name, message, Some(meant_file(path)));
@@ -268,7 +271,7 @@ fn unreadable(name: &str, why: &std::io::Error) -> ProfileError {
     let help = match why.kind() {
         ErrorKind::InvalidData => "a profile is a TOML file in UTF-8",
         ErrorKind::FileTooLarge => "is it a profile?",
-        _ => "check that it is a file, and that this user has permission to read it",
+        _ => "check that the path is a file, and that this user has permission to read it",
     };
     ProfileError::about(
         name,
@@ -277,14 +280,15 @@ fn unreadable(name: &str, why: &std::io::Error) -> ProfileError {
     )
 }
 
-/// Returns the only error of a file that is given in the place of a profile. `None` if it may be a profile.
+/// Returns the error about a file of another kind that was given instead of a profile. `None` if the file may be a
+/// profile.
 fn misplaced(path: &Path, kind: Option<FileKind>) -> Option<Errors> {
     let other = kind?.instead_of(FileKind::Profile)?;
     Some(Errors(vec![other.error(path.display().to_string())]))
 }
 
-/// Returns the only error if the first layer of a wrong profile is empty or another kind of file. All keys of such a
-/// file would be missing or unknown. `None` if it may be a profile.
+/// Returns one error that replaces all other errors if the first layer is empty, a local file, or another kind of file.
+/// All keys of such a file would be missing or unknown. `None` if the file may be a profile.
 fn other_file(layers: &[(PathBuf, String)], errors: &Errors) -> Option<Errors> {
     let (path, text) = layers.first()?;
     let name = path.file_name().unwrap_or_default().to_string_lossy();
@@ -308,10 +312,10 @@ fn local_beside(path: &Path) -> PathBuf {
     path.with_extension("local.toml")
 }
 
-/// Loads the layers. The first profile of a process, and each large one, is loaded in a separate thread with its own
-/// heap. Loading needs many times the memory of the result. The allocator of glibc returns free memory only if no block
-/// in use lies above it. Therefore the result is copied out of the thread. A gateway loads one profile, so the schemas
-/// of the first one are not kept.
+/// Loads the layers. The first profile of a process, and each large profile, is loaded in a separate thread with its
+/// own heap. Loading needs many times the memory of the result. The allocator of glibc returns free memory only if no
+/// block in use lies above it. Therefore the result is copied out of the thread. The schemas of the first profile are
+/// not kept, because a gateway loads only one profile.
 fn layered(
     layers: &[(PathBuf, String)],
     files: &Files<'_>,
@@ -339,9 +343,9 @@ fn layered(
     })
 }
 
-/// Makes glibc return the free memory at the end of a thread's heap. glibc does this if that memory is twice as large
-/// as the largest block ever freed: see malloc(3), `M_TRIM_THRESHOLD`. A large profile is freed in large blocks. This
-/// function reserves `space` bytes of address space without touching them, so it uses no memory.
+/// Makes glibc return the free memory at the end of a thread's heap. glibc returns this memory if it is at least twice
+/// as large as the largest block ever freed: see malloc(3), `M_TRIM_THRESHOLD`. A large profile is freed in large
+/// blocks. This function reserves `space` bytes of address space without touching them, so it uses no memory.
 fn free_the_end(space: usize) {
     let end: Vec<Vec<u8>> = (0..space / PIECE).map(|_| Vec::with_capacity(PIECE)).collect();
     drop(std::hint::black_box(end));
@@ -391,9 +395,9 @@ struct Loader<'a> {
     schemas: &'a Schemas,
     spans: SourceMap,
     errors: Findings,
-    /// Parsed layers. The first one is the profile, unless the profile cannot be parsed.
+    /// Parsed layers. The first layer is the profile, unless the profile cannot be parsed.
     layers: Vec<Value>,
-    /// Keys that layers above the profile set although their rules forbid it.
+    /// Keys that layers above the profile set, although the rules of these keys forbid this.
     refused: Vec<Refusal>,
     /// Number of layers that are files.
     files: usize,
@@ -426,7 +430,7 @@ impl Loader<'_> {
         }
     }
 
-    /// Adds a layer above the existing ones.
+    /// Adds a layer above the existing layers. Its values replace theirs.
     fn layer(&mut self, layer: Value) {
         if let Some(profile) = self.layers.first().filter(|_| !self.broken) {
             self.refused.extend(protected_keys::refused(&self.schemas.profile, profile, &layer, &self.spans));

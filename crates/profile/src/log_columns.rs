@@ -8,8 +8,9 @@ use isotherm_core::quantity::TimeColumns;
 /// First column of every log.
 pub const TIME: &str = "time";
 
-/// Ends of the names of an axis's columns: `z_cz_um` for axis `z`. A log has some of them only with certain keys of the
-/// axis. The measured error is not in this list, because a signal may measure it.
+/// Name endings of the columns of an axis. For example, `z_cz_um` is the compensation value (Cz) of axis `z`. A log has
+/// some of these columns only if the axis has certain keys. The column of the measured error is not in this list,
+/// because a signal that measures the error may have its name.
 pub const OF_AXIS: [&str; 22] = [
     "permit",
     "from_um",
@@ -51,7 +52,7 @@ pub(crate) enum Clash {
     Axes { axis: String, other: String, column: String },
 }
 
-/// Finds the names of signals and axes that clash with other columns. Clashes of signals come first.
+/// Finds the names of signals and axes that clash with the names of other columns. Clashes of signals come first.
 pub(crate) fn clashes(signals: &[String], axes: &[String]) -> Vec<Clash> {
     let mut owners: BTreeMap<String, &String> = BTreeMap::new();
     let mut between = Vec::new();

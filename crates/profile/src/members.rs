@@ -27,7 +27,7 @@ impl Members {
 
 /// Devices of each bus, and signals of each device. The lists are built when they are first needed.
 ///
-/// A clone collects them again, because its tables may be changed before that.
+/// A clone of a profile builds its own lists, because its tables may be changed before its lists are needed.
 #[derive(Debug, Default)]
 pub struct ProfileMembers(OnceLock<Lists>);
 

@@ -55,7 +55,8 @@ pub(crate) struct Above<'a> {
 }
 
 impl Above<'_> {
-    /// Returns every key that the layers set, sorted by path. Keys that `allow_override` names come first.
+    /// Returns every key that the layers set. The keys that `allow_override` names come first, then all others. Both
+    /// groups are sorted by path.
     pub(crate) fn list(&self) -> Vec<Overridden> {
         let mut found = BTreeSet::new();
         for (place, layer) in self.layers.iter().enumerate() {

@@ -30,7 +30,7 @@ pub struct Profile {
     pub arm: Arm,
     /// Timeout of a request to arm that cannot be executed yet.
     pub arm_timeout: Duration,
-    /// Action on the written registers when the gateway stops.
+    /// Action on the output registers when the gateway stops.
     pub on_stop: OnStop,
     /// Buses, which are the physical lines.
     pub buses: Vec<Bus>,
@@ -58,7 +58,7 @@ pub struct Profile {
     pub notify: Vec<Notify>,
     /// Directory of state and logs.
     pub history: History,
-    /// Keys that the local file (`.local.toml`), the environment or `--set` sets above the profile.
+    /// Keys whose values come from the local file (`.local.toml`), the environment or `--set`.
     pub overridden: Vec<Overridden>,
     /// Devices of each bus and signals of each device.
     pub members: ProfileMembers,

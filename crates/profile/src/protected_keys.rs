@@ -11,8 +11,8 @@
 //! | `free` | A layer may set it, although its table says otherwise |
 //!
 //! The rule for keys of a device applies only if the gateway writes to that device. The rule for keys of a signal
-//! applies only if an output corrects this position, or a register is written before the signal is read. All other
-//! devices and signals are only read.
+//! applies only if the signal is a position that an output corrects, or if the gateway writes a register before it
+//! reads the signal. All other devices and signals are only read.
 
 use std::collections::HashSet;
 
@@ -39,7 +39,7 @@ enum Rule {
     Arrives,
 }
 
-/// Key that a layer sets although its rule forbids it.
+/// Key that a layer sets, although the rule of the key forbids this.
 #[derive(Debug)]
 pub(crate) struct Refusal {
     kind: String,
@@ -49,7 +49,7 @@ pub(crate) struct Refusal {
 }
 
 /// Returns the rule that the schema states for a key or table. `Some(None)` if the schema exempts the key from the rule
-/// of its table. `None` if the schema states nothing.
+/// of its table. `None` if the schema states no rule.
 fn rule(schema: &Value) -> Option<Option<Rule>> {
     match schema.get(MARK)?.as_str()? {
         "less" => Some(Some(Rule::Less)),
@@ -77,7 +77,7 @@ fn table_of<'a>(root: &'a Value, kind: &str) -> Option<(&'a Value, bool)> {
     Some((named.unwrap_or(schema), named.is_some()))
 }
 
-/// Returns a copy of a value that contains only keys with a rule. `None` if there are none.
+/// Returns a copy of a value that contains only keys with a rule. `None` if no key has a rule.
 fn marked(root: &Value, schema: &Value, value: &Value) -> Option<Value> {
     match value {
         Value::Object(table) => {
@@ -118,7 +118,7 @@ pub(crate) fn allowed(profile: &Value) -> Vec<String> {
     list.into_iter().flatten().filter_map(Value::as_str).map(str::to_owned).collect()
 }
 
-/// Returns the keys that a layer sets although their rules forbid it.
+/// Returns the keys that a layer sets, although the rules of these keys forbid this.
 pub(crate) fn refused(root: &Value, profile: &Value, layer: &Value, spans: &SourceMap) -> Vec<Refusal> {
     let mut guards = Guards {
         root,

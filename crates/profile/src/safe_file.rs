@@ -14,14 +14,14 @@ pub const LARGEST: u64 = 16 * 1024 * 1024;
 
 /// Largest size of a profile or template, in bytes: enough for 5,000 devices with eight signals and an axis each.
 ///
-/// Checking a key needs fifty times its length in memory, because the TOML reader keeps 48 bytes for each token. Under
-/// systemd, a gateway and its restart share 1 GB.
+/// The check of a key needs fifty times the length of the key in memory, because the TOML reader keeps 48 bytes for
+/// each token. Under systemd, the memory of a gateway is limited to 1 GB.
 pub const LARGEST_PROFILE: u64 = 8 * 1024 * 1024;
 
 /// Opens a regular file for reading. Links are followed.
 ///
 /// # Errors
-/// Those of [`File::open`], or the path is not a regular file. The message does not contain the path.
+/// Errors of [`File::open`], and an error if the path is not a regular file. The message does not contain the path.
 pub fn open(path: &Path) -> io::Result<File> {
     // Checked before, because opening a device may have an effect.
     regular(&std::fs::metadata(path)?)?;
@@ -34,12 +34,12 @@ pub fn open(path: &Path) -> io::Result<File> {
 /// Reads the bytes of a regular file.
 ///
 /// # Errors
-/// Those of [`open`], or the file is larger than `largest` bytes.
+/// Errors of [`open`], and an error if the file is larger than `largest` bytes.
 pub fn read(path: &Path, largest: u64) -> io::Result<Vec<u8>> {
     let mut bytes = Vec::new();
     open(path)?.take(largest + 1).read_to_end(&mut bytes)?;
     if bytes.len() as u64 > largest {
-        let text = format!("the file is larger than {} MB: name another file", largest >> 20);
+        let text = format!("the file is larger than {} MB: give the path of another file", largest >> 20);
         return Err(io::Error::new(ErrorKind::FileTooLarge, text));
     }
     Ok(bytes)
@@ -48,7 +48,7 @@ pub fn read(path: &Path, largest: u64) -> io::Result<Vec<u8>> {
 /// Reads the text of a regular file of at most [`LARGEST`] bytes, in UTF-8.
 ///
 /// # Errors
-/// Those of [`read`], or the file is not valid UTF-8.
+/// Errors of [`read`], and an error if the file is not valid UTF-8.
 pub fn read_text(path: &Path) -> io::Result<String> {
     read_text_of(path, LARGEST)
 }
@@ -56,7 +56,7 @@ pub fn read_text(path: &Path) -> io::Result<String> {
 /// Reads the text of a regular file of at most `largest` bytes, in UTF-8.
 ///
 /// # Errors
-/// Those of [`read_text`].
+/// The same errors as for [`read_text`].
 pub fn read_text_of(path: &Path, largest: u64) -> io::Result<String> {
     String::from_utf8(read(path, largest)?)
         .map_err(|_| io::Error::new(ErrorKind::InvalidData, "the file is not a text in UTF-8"))
@@ -100,11 +100,11 @@ pub fn cut(text: &str, most: usize) -> Cow<'_, str> {
     }
 }
 
-/// Reads the first line. Returns that line and a reader of the whole input, which ends every line with a line feed. If
-/// the line is longer than [`LONGEST_ROW`], only its beginning is returned.
+/// Reads the first line. Returns that line and a reader of the whole input, which converts every line ending to a line
+/// feed. If the line is longer than [`LONGEST_ROW`], only its beginning is returned.
 ///
 /// # Errors
-/// Those of the reader.
+/// Errors of the reader.
 pub fn first_line<R: Read>(input: R) -> io::Result<(String, Lines<R>)> {
     const BUFFER: usize = 1 << 18;
     let (mut reader, mut first) = (BufReader::with_capacity(BUFFER, input), Vec::new());
@@ -113,8 +113,8 @@ pub fn first_line<R: Read>(input: R) -> io::Result<(String, Lines<R>)> {
     Ok((text, Lines { input: Cursor::new(first).chain(reader), last: b'\n', open: 0 }))
 }
 
-/// Reader that converts every line end to a line feed, because programs count other line ends differently. A row longer
-/// than [`LONGEST_ROW`] is an error.
+/// Reader that converts every line ending to a line feed, because programs count lines with other line endings
+/// differently. A row longer than [`LONGEST_ROW`] is an error.
 #[derive(Debug)]
 pub struct Lines<R> {
     input: Chain<Cursor<Vec<u8>>, BufReader<R>>,

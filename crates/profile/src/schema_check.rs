@@ -15,10 +15,9 @@ use crate::tables::signal::unit::{Scaling, Unit};
 /// Maximum number of entries in a list. Each update of an axis computes every term of a model, so the limit bounds the
 /// duration of an update.
 const MOST_ITEMS: usize = 10_000;
-/// Maximum number of commas in a file. In memory, the TOML reader needs eighty times the size of a list of short
-/// values.
+/// Maximum number of commas in a file. The TOML reader needs memory of eighty times the size of a list of short values.
 const MOST_COMMAS: usize = 500_000;
-/// Largest file, in bytes, for which all syntax errors are reported. In memory, the TOML reader needs three hundred
+/// Largest file, in bytes, for which all syntax errors are reported. The TOML reader needs memory of three hundred
 /// times the size of a file that consists of such errors.
 const MOST_SEARCHED: usize = 1_000_000;
 
@@ -116,7 +115,8 @@ impl SchemaCheck<'_> {
         Value::Object(right)
     }
 
-    /// Marks the known key that an unknown key probably means, and all keys inside that table.
+    /// Marks the known key `path`, of which an unknown key is probably a misspelling. If the unknown key is a table,
+    /// also marks all keys in this table.
     fn mark_meant(&mut self, path: String, value: &DeValue<'_>) {
         if let DeValue::Table(table) = value {
             for (key, value) in table.iter() {
@@ -262,11 +262,11 @@ impl SchemaCheck<'_> {
     }
 }
 
-/// Mark of a text in the schema that may have line breaks and tabs.
+/// Keyword of the schema for a text that may have line breaks and tabs.
 const LINES: &str = "x-lines";
 
-/// Mark of a text in the schema that is sent to a device, or compared with what a device sends. It may have control
-/// characters of ASCII.
+/// Keyword of the schema for a text that is sent to a device, or compared with a text from a device. Such a text may
+/// have ASCII control characters.
 const CONTROL: &str = "x-control";
 
 /// Part of the message about invisible characters. They could control a terminal or end a line, and so falsify the text

@@ -1,4 +1,4 @@
-//! Sizes on a disk in a profile: "500MB", "2GB".
+//! Sizes of disk space, as a profile states them: "500MB", "2GB".
 
 use serde::{Deserialize, Deserializer};
 

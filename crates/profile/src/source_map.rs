@@ -34,8 +34,8 @@ impl Layer {
     }
 }
 
-/// Returns an excerpt of a line, and the number of its characters before the byte. A long line is truncated on both
-/// sides.
+/// Returns an excerpt of a line, and the number of characters of the excerpt that precede the byte `byte` of the line.
+/// A long line is truncated on both sides.
 pub(crate) fn around(line: &str, byte: usize) -> (String, usize) {
     const BEFORE: usize = LONGEST_QUOTE * 3 / 4;
     let byte = if line.is_char_boundary(byte) { byte } else { line.len() };
@@ -58,9 +58,9 @@ pub(crate) fn around(line: &str, byte: usize) -> (String, usize) {
 #[derive(Clone, Debug)]
 struct Span {
     layer: u32,
-    /// First byte of the name, and the byte after its last one.
+    /// Positions of the first byte of the name of the key, and of the first byte after the name.
     key: (u32, u32),
-    /// First byte of the value, and the byte after its last one.
+    /// Positions of the first byte of the value, and of the first byte after the value.
     value: (u32, u32),
     /// Layer and byte at which the key first occurred. Tables are sorted by this rank.
     rank: (u32, u32),
@@ -95,7 +95,7 @@ pub(crate) struct SourceMap {
     in_lists: BTreeMap<Box<str>, Span>,
     /// Valid keys that a template added, and that have no position.
     brought: BTreeSet<String>,
-    /// Known keys that an unknown key probably means, and that are therefore not reported as missing.
+    /// Known keys of which an unknown key is probably a misspelling. These known keys are not reported as missing.
     meant: BTreeSet<String>,
     /// For values that no layer contains: a text about their origin, by the path of the key.
     notes: BTreeMap<String, String>,
@@ -130,12 +130,12 @@ impl SourceMap {
         self.layers.len() - 1
     }
 
-    /// Records that an unknown key, which has been reported, probably means this known key.
+    /// Records that a reported unknown key is probably a misspelling of this known key.
     pub(crate) fn mark_meant(&mut self, path: String) {
         self.meant.insert(path);
     }
 
-    /// Returns whether an unknown key that has been reported probably means this key.
+    /// Returns whether a reported unknown key is probably a misspelling of this key.
     pub(crate) fn is_meant(&self, path: &str) -> bool {
         self.meant.contains(path)
     }
@@ -161,7 +161,7 @@ impl SourceMap {
     }
 
     /// Records a key that no layer contains. The key gets the position of the key `of`, which caused the addition.
-    /// `note` describes the origin.
+    /// `note` is a text about the origin of the value.
     pub(crate) fn fill_in(&mut self, path: &str, of: &str, note: &str) {
         let Some(span) = self.span(of).cloned() else { return };
         self.put(path, span);

@@ -153,19 +153,19 @@ impl Sources {
         &self.layers.settings
     }
 
-    /// Returns whether the profile at this path was read from a file. If not, it is a profile that is part of the
+    /// Returns whether the profile at this path was read from a file. If it was not, the profile is part of the
     /// program.
     pub fn has_file(&self, path: &Path) -> bool {
         matches!(self.found(&layer_name(path)), Some(FileState::File { .. }))
     }
 
-    /// Records that the file does not exist. The profile is then one that is part of the program.
+    /// Records that the file at this path does not exist, because the profile is part of the program.
     pub fn put_absent(&mut self, path: &Path) {
         self.put(&layer_name(path), FileState::Absent, &[]);
     }
 
-    /// Returns a stamp of each file on disk: equal stamps mean that no file has changed in between. `path` is the path of
-    /// the profile.
+    /// Returns a stamp of each file on disk. If two calls return equal stamps, no file has changed between the calls.
+    /// `path` is the path of the profile.
     pub fn stamps(&self, path: &Path) -> Vec<Option<FileStamp>> {
         let directory = path.parent().unwrap_or(Path::new(""));
         let stamp = |name: &String| {
@@ -176,8 +176,8 @@ impl Sources {
         self.known.keys().map(stamp).collect()
     }
 
-    /// Returns the names of the files, variables and settings that are now different from these sources. `path` is the
-    /// path of the profile.
+    /// Returns the names of the files, environment variables and `--set` options whose content or value now differs
+    /// from these sources. `path` is the path of the profile.
     pub fn differences(
         &self,
         path: &Path,

@@ -6,15 +6,15 @@ use std::time::Duration;
 use crate::Profile;
 use isotherm_core::quantity::Micron;
 
-/// Time at the end of a stop for the last reports and the last writes to disk.
+/// Time at the end of a stop of the gateway for the last reports and the last writes to disk.
 const REST: Duration = Duration::from_secs(2);
 /// Time after `REST` in which the gateway posts the last event messages to the servers of `[[notify]]`.
 pub const MESSAGES: Duration = Duration::from_secs(2);
 /// Time in parallel to [`MESSAGES`] in which the MQTT broker accepts the last state and the disconnection.
 pub const BROKER: Duration = Duration::from_secs(4);
 
-/// Returns the maximum duration of the fault actions. `ways` contains for each axis the distances in µm by which Cz and
-/// the slope must move to zero.
+/// Returns the maximum duration of the fault actions. `ways` contains for each axis the distances in µm by which Cz
+/// (the compensation value) and the slope must move to zero.
 pub fn fault_actions(profile: &Profile, ways: impl IntoIterator<Item = [Micron; 2]>) -> Duration {
     let exchange = profile.sets.iter().filter_map(|set| Some(set.handshake.as_ref()?.timeout * 2)).max();
     let settle = profile.outputs.iter().filter_map(|output| Some(output.applied.as_ref()?.settle)).max();

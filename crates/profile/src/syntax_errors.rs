@@ -1,7 +1,8 @@
 //! Filters the syntax errors of a TOML file. After a mistake, the parser may also report its consequences. These are
 //! left out, so that one mistake is one error.
 //!
-//! The parser does not name characters that only look like those of TOML, and names in other scripts. `foreign` does.
+//! The messages of the parser do not explain characters that only look like TOML characters, or names in other scripts.
+//! The function `foreign` detects these characters.
 
 use toml::de::Error;
 
@@ -20,7 +21,7 @@ const LONGER: &str = "invalid float, expected nothing";
 /// Part of another parser message about the content of an inline table.
 const PAIRS: &str = "between key-value pairs";
 
-/// Syntax error that does not result from another one.
+/// Syntax error that does not result from another syntax error.
 #[derive(Debug, PartialEq, Eq)]
 pub(crate) struct SyntaxError<'p> {
     /// Byte position in the file.
@@ -29,8 +30,8 @@ pub(crate) struct SyntaxError<'p> {
     pub(crate) help: Option<&'static str>,
 }
 
-/// Returns the errors that do not result from others. These are the first error of each line, and the first one about a
-/// duplicate table or an unclosed list or inline table.
+/// Returns the errors that do not result from others. These are the first error of each line, and the first error about
+/// a duplicate table or an unclosed list or inline table.
 pub(crate) fn independent<'p>(text: &str, problems: &'p [Error]) -> Vec<SyntaxError<'p>> {
     let place = |problem: &Error| problem.span().map_or(0, |span| span.start);
     let mut found: Vec<(usize, &str)> =
@@ -114,7 +115,7 @@ const NO_MINUS: Foreign = Foreign {
 const BLANKS: [char; 6] = ['\u{a0}', '\u{2007}', '\u{2009}', '\u{200b}', '\u{202f}', '\u{2060}'];
 const NO_BLANK: Foreign = Foreign {
     message: "this is an invisible character of a word processor or a web page, not a blank",
-    help: "delete it, and type a blank",
+    help: "delete this character, and type a blank",
 };
 const SEMICOLON: Foreign =
     Foreign { message: "`;` is not allowed here", help: "remove this character; a comment begins with `#`" };
@@ -129,14 +130,15 @@ const OTHER_SCRIPT: Foreign = Foreign {
     help: "write a short name in these letters, and the name in your script as its label: label = \"床温\"",
 };
 
-/// Returns whether an error is about a number with a unit or other text after it. `rest` is the text from the error on.
+/// Returns whether an error is about a number with a unit or other text after it. `rest` is the text of the file from
+/// the position of the error.
 fn is_longer_number(message: &str, rest: &str) -> bool {
     let begins_as_number =
         || rest.trim_start_matches(['-', '+']).starts_with(|one: char| one.is_ascii_digit());
     message == LONGER || message.starts_with(UNQUOTED) && begins_as_number()
 }
 
-/// Returns whether a character of an East Asian keyboard is as wide as a letter of its script.
+/// Returns whether a character is full-width, as East Asian keyboards produce it.
 fn is_wide(one: char) -> bool {
     ('\u{ff01}'..='\u{ff5e}').contains(&one) || one == '\u{3000}'
 }
@@ -171,7 +173,7 @@ fn foreign(line: &str) -> Option<(usize, &'static Foreign)> {
     (quote.is_some() && QUOTATION_MARKS.contains(&last)).then_some((place, &QUOTED))
 }
 
-/// Returns whether the line at the end of `before` begins as the header of a table.
+/// Returns whether the last line of `before` begins like the header of a table.
 fn begins_header(before: &str) -> bool {
     let line = before.rsplit('\n').next().unwrap_or_default();
     line.trim_start().starts_with('[')

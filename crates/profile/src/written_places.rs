@@ -57,7 +57,7 @@ impl Written<'_> {
         self.value(device, &Address::Modbus(at), 1);
     }
 
-    /// Adds a value of `count` registers.
+    /// Adds the registers, node, object or frame of a value. `count` is the number of registers.
     fn value(&mut self, device: DeviceId, address: &Address, count: u16) {
         let device = self.profile.device(device);
         let places = KINDS.iter().flat_map(|kind| (kind.written)(device.unit, address, count));

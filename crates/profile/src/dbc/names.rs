@@ -1,6 +1,7 @@
 //! Names of messages and signals in a DBC file: short names, long names, and names that occur twice.
 //!
-//! A name in an entry has 32 characters at most. Editors shorten a longer name, and store it whole in an attribute.
+//! An entry of a DBC file can contain names of at most 32 characters. Editors shorten a longer name in the entry, and
+//! store the complete name in an attribute.
 
 use std::collections::HashMap;
 
@@ -39,7 +40,7 @@ impl DbcFile {
         };
         let Some(other) = found.next() else { return Ok(message) };
         let help = format!(
-            "remove or rename one of them in the DBC file; their identifiers are {} and {}",
+            "remove or rename one of the two messages in the DBC file; their identifiers are {} and {}",
             shown(message.id),
             shown(other.id)
         );
@@ -51,7 +52,8 @@ impl DbcFile {
     /// Returns the signal with this short or long name in a message.
     ///
     /// # Errors
-    /// The message has no signal of this name or several, or another message has the same identifier and signal.
+    /// The message has no signal of this name, or it has several. Or another message has the same identifier and a
+    /// signal of this name.
     pub(super) fn signal_in<'f>(&'f self, message: &'f Message, name: &str) -> Result<&'f Signal, Wrong> {
         let long: Vec<&str> = (self.long_signals(message.id))
             .filter(|(_, long_name)| *long_name == name)
@@ -72,7 +74,7 @@ impl DbcFile {
             let block = block.take_while(|(_, entry)| matches!(entry, Entry::Signal(_)));
             let at = block.filter(|(_, entry)| *entry == own).nth(1).map(|(line, _)| (line, 1));
             let message = format!("message `{}` of the DBC file has two signals `{name}`", message.name);
-            let help = "remove or rename one of them in the DBC file".to_owned();
+            let help = "remove or rename one of the two signals in the DBC file".to_owned();
             return Err(Wrong { at, message, help });
         }
         let is_same = |other: &&Message| {

@@ -21,13 +21,13 @@ pub(crate) enum FileUnit {
     Unknown(String),
 }
 
-/// Characters that stand for a degree sign. Some look like it. Others are the bytes of a degree sign in a Chinese,
-/// Korean, Japanese or DOS code page. A conversion to ASCII leaves question marks.
+/// Characters that DBC files contain instead of a degree sign. Some look like a degree sign. Others are the bytes of a
+/// degree sign in a Chinese, Korean, Japanese or DOS code page. Question marks result from a conversion to ASCII.
 const DEGREES: [&str; 12] =
     ["Â°", "º", "˚", "\u{fffd}", "¡ã", "¡Æ", "\u{81}\u{8b}", "ø", "??", "?", "'", "`"];
 
-/// Spellings of temperatures in small letters, without blanks, points and `_`, each with the unit that it means.
-/// The last three are "℃" of Chinese, Korean and Japanese code pages, read as Latin-1.
+/// Spellings of temperature units in lower case, without blanks, points and `_`. Each list of spellings comes with the
+/// unit that they mean. The last three are "℃" of Chinese, Korean and Japanese code pages, read as Latin-1.
 const TEMPERATURES: [(&[&str], &str); 4] = [
     (
         &[
@@ -71,7 +71,8 @@ const TEMPERATURES: [(&[&str], &str); 4] = [
     (&["degrankine", "rankine"], "Rankine"),
 ];
 
-/// Other spellings, without blanks and `_`, each with the unit that it means. Case matters: "mPa" is not "MPa".
+/// Spellings of other units, without blanks and `_`. Each list of spellings comes with the unit that they mean. Case
+/// matters: "mPa" is not "MPa".
 const OTHERS: [(&[&str], &str); 29] = [
     (&["C", "oC"], "degC"),
     (&["F", "oF"], "Fahrenheit"),

@@ -177,7 +177,7 @@ impl FileKind {
                  [[axis.….model]] of this axis"
             }
             (FileKind::FaultScript, _) => {
-                "give it to the virtual machine: `isotherm virtual machine.toml --faults faults.toml`"
+                "give this file to the virtual machine: `isotherm virtual machine.toml --faults faults.toml`"
             }
             (FileKind::Dbc, _) => {
                 "write dbc = \"module.dbc\" with the name of this file at a device on a CAN line of the profile"
@@ -204,7 +204,7 @@ impl FileKind {
                 "if it lists frames, convert it with canmatrix (`pip install canmatrix`): `canconvert THIS_FILE \
                  module.dbc`"
             }
-            (FileKind::Ldf, _) => "isotherm reads no LIN bus; use a gateway from LIN to CAN or Modbus",
+            (FileKind::Ldf, _) => "isotherm cannot read a LIN bus; use a gateway from LIN to CAN or Modbus",
             (FileKind::A2l, _) => "export the frames as a DBC file with the program that wrote this file",
             (FileKind::Mesh, _) => "`isotherm place` reads it",
             (FileKind::Json | FileKind::Yaml, FileKind::Log) => "save the log as CSV",
@@ -231,7 +231,7 @@ impl FileKind {
 }
 
 impl Misplaced {
-    /// Converts the message into the error for this file of a profile.
+    /// Converts the message into an error about the file with the name `file`.
     pub(crate) fn error(self, file: impl Into<String>) -> ProfileError {
         ProfileError::about(file, self.message, Some(self.help))
     }

@@ -7,8 +7,8 @@ use super::kind::FileKind;
 /// Names of the keys and tables at the top level of a TOML file.
 #[derive(Default)]
 struct Names<'t> {
-    /// Keys before the first table whose value is a quoted text, a list or a table. Other keys do not count, because
-    /// loggers write lines such as `machine=VMC 1`.
+    /// Keys above the first table header. Only keys whose value is a quoted text, a list or a table are included,
+    /// because loggers write lines such as `machine=VMC 1`.
     keys: BTreeSet<&'t str>,
     /// First key in the header of each table.
     tables: BTreeSet<&'t str>,

@@ -1,4 +1,5 @@
-//! CAN lines: frames that devices send by themselves, and objects of CANopen nodes that the gateway requests.
+//! CAN buses, also called CAN lines. Devices send frames by themselves. The gateway requests the objects of CANopen
+//! nodes.
 
 use crate::Signal;
 use crate::plan::{Field, ReadRequest, ReadTarget};
@@ -28,7 +29,7 @@ mod signal;
 const LONGEST_NAME: usize = 15;
 /// Default CAN identifier of the SYNC message (CANopen).
 const SYNC: u32 = 0x80;
-/// Name of the tables that may have the keys of this kind, used in messages.
+/// Description, for messages, of the tables that may have keys such as `dbc` and `pdo`.
 const OWNER: &str = "a device on a CAN line";
 
 /// Kind of bus for CAN interfaces of this computer.
@@ -79,7 +80,8 @@ pub(super) static KIND: BusKind = BusKind {
     foreign_output_keys: output::foreign_keys,
     output: output::resolve,
     heartbeat: |_, at| {
-        let help = "name a Modbus device; a CANopen node has a heartbeat consumer of its own, object 1016";
+        let help =
+            "write the name of a Modbus device; a CANopen node monitors heartbeats itself, object 1016";
         let message = "the heartbeat is written to a register, and this device has no registers";
         at.key("device").reject(message, help)
     },

@@ -1,4 +1,4 @@
-//! Modbus: registers, coils and discrete inputs of units, over TCP or a serial line.
+//! Modbus: registers, coils and discrete inputs of devices (units), over TCP or a serial line.
 
 use crate::document::Section;
 use crate::tables::bus::Bus;
@@ -74,8 +74,8 @@ fn device(_: &Check<'_>, raw: &RawDevice, at: &KeyContext<'_>, line: Option<&Bus
         at.key("quirks").not_applicable(&["gateway"], quirks::OF_TCP, quirks::WAITS);
     }
     let at = at.key("unit");
-    let help = "write the unit identifier of the device, 0 to 255; a device that is alone at its address \
-                often has 1 or 255";
+    let help = "write the unit identifier of the device, 0 to 255; the only device at an IP \
+                address often has 1 or 255";
     at.missing("`unit` is missing", help);
     if let Some(unit) = raw.unit.filter(|unit| over_rtu && !(1..=247).contains(unit)) {
         let message = if unit == 0 {

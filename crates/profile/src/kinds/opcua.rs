@@ -1,4 +1,4 @@
-//! OPC UA: nodes of a server, which is one device.
+//! OPC UA: the nodes of a server are read and written. The server is one device of the profile.
 
 use std::time::Duration;
 
@@ -59,7 +59,9 @@ pub(super) static KIND: BusKind = BusKind {
     has_place: |raw| raw.register.is_some() || raw.node.is_some(),
     signal,
     foreign_output_keys: |_, at, device| {
-        let help = format!("`{device}` is an OPC UA server: remove this key; a value is written by node");
+        let help = format!(
+            "`{device}` is an OPC UA server: remove this key; the key `node` sets where a value is written"
+        );
         let of_modbus = ["register", "word_order", "byte_swap", "beside", "stale", "read_back"];
         at.not_applicable(&of_modbus, "a Modbus device", &help);
         at.not_applicable(&["pdo", "sdo", "frame"], "a device on a CAN line", &help);

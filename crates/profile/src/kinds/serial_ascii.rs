@@ -17,7 +17,7 @@ use isotherm_core::codec::{Address, DataType, Encoding, TextPattern, TextValue, 
 
 mod line;
 
-/// Default timeout of a line with text. A device that sends without a request often sends twice a second.
+/// Default timeout of a serial-ascii bus. Devices that send without a request often send twice a second.
 const TIMEOUT: Duration = Duration::from_secs(1);
 /// Maximum length of a request in characters. No known device needs more.
 const LONGEST_REQUEST: usize = 64;
@@ -89,7 +89,8 @@ fn signal(_: &Check<'_>, raw: &RawSignal, at: &KeyContext<'_>, device: Option<&D
     Some(Located::of(Address::Text(value), encoding, None))
 }
 
-/// Reports an error if a request or a pattern contains the address of the device, but the device states none.
+/// Reports an error if a request or a pattern contains the address of the device, but the profile does not state this
+/// address (key `unit` of the device).
 fn needs_address(raw: &RawSignal, at: &KeyContext<'_>) {
     let Some(device) = &raw.device else { return };
     let keys = [("request", &raw.request), ("text", &raw.text)];
@@ -122,7 +123,7 @@ fn hides_inch(raw: &RawSignal, signal: &KeyContext<'_>, pattern: &TextPattern) {
     if matches!(raw.unit.as_deref(), Some("mm" | "um")) && !pattern.distinguishes_units() {
         let message = "a change of the device to inch is not detected: this text states neither decimals \
                        nor a unit";
-        let help = "write the decimals that the device sends, as {number.3}, or the unit behind the number, as \
+        let help = "write the decimals that the device sends, as {number.3}, or the unit after the number, as \
                     {number} mm";
         signal.key("text").warn(message, help);
     }
@@ -135,7 +136,7 @@ fn request(at: &KeyContext<'_>, text: Option<&String>, unit: u8) -> Option<Strin
     let request = with_sum(&with_unit(text, unit)).map_err(|why| report(at, &why)).ok()?;
     if let Some(other) = request.chars().find(|character| !character.is_ascii()) {
         let help = "write the characters of the device's manual; control characters are \\r, \\n or \\u0002";
-        return at.reject(format!("`{other}` is no ASCII character"), help);
+        return at.reject(format!("`{other}` is not an ASCII character"), help);
     }
     if request.is_empty() || request.len() > LONGEST_REQUEST {
         let help = "remove this key if the device sends its text without a request";
@@ -145,7 +146,8 @@ fn request(at: &KeyContext<'_>, text: Option<&String>, unit: u8) -> Option<Strin
 }
 
 fn report(at: &KeyContext<'_>, why: &str) {
-    let (message, help) = why.split_once("; ").unwrap_or((why, "write it as in the manual of the device"));
+    let (message, help) =
+        why.split_once("; ").unwrap_or((why, "write this text as in the manual of the device"));
     at.invalid(message, help);
 }
 
@@ -168,7 +170,7 @@ fn requests(_: &Device, signals: &SignalsOf<'_>) -> Vec<ReadRequest> {
     groups.into_iter().map(read).collect()
 }
 
-/// Preview of the settings of the serial port. Empty for a serial server.
+/// Preview of the settings of the serial port. Empty if the devices are connected through a serial server.
 fn preview(profile: &Profile, bus: BusId) -> Vec<(&'static str, Section)> {
     let described = |settings: String| {
         let mut section = Section::default();

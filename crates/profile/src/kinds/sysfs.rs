@@ -1,4 +1,4 @@
-//! Sensors of this computer, which its kernel reads: name, unit and timing.
+//! Sensors of this computer, which the Linux kernel reads: their names, unit and timing.
 
 use std::time::Duration;
 
@@ -21,7 +21,7 @@ const TIMEOUT: Duration = Duration::from_secs(2);
 /// Time for reading a 1-Wire sensor. The sensor measures for 750 ms at 12 bits (DS18B20). A request comes before the
 /// measurement, and a read after it.
 const ONE_WIRE: Duration = Duration::from_secs(1);
-/// Keys that a signal on a sysfs line cannot have: places on other kinds of lines, and keys for values in registers.
+/// Keys that a signal on a sysfs bus cannot have: addresses on other kinds of buses, then keys for values in registers.
 static FOREIGN: [&str; 13] = [
     "register",
     "node",
@@ -56,12 +56,12 @@ pub(super) static KIND: BusKind = BusKind {
         (
             &["unit", "functions", "quirks", "template"],
             "a Modbus device",
-            "remove this key: the sensors of this computer are named at their signals",
+            "remove this key: the key `sensor` of each signal selects a sensor",
         ),
         (
             &["verify"],
             "a device with settings that can change",
-            "remove this key: the sensors of this computer are named at their signals",
+            "remove this key: the key `sensor` of each signal selects a sensor",
         ),
     ],
     signal_keys: SignalKeys {
@@ -125,8 +125,10 @@ fn root(at: &KeyContext<'_>, address: Option<&String>) -> Option<String> {
     }
     if let Some(inside) = ["/class", "/bus/"].iter().find_map(|inside| address.find(inside)) {
         let above = &address[..inside];
-        let help = format!("write the directory above: \"{above}\"; the sensor is named at its signal");
-        let message = format!("`{address}` is a directory inside of the kernel's directory");
+        let help = format!(
+            "write the directory above: \"{above}\"; the key `sensor` of a signal selects the sensor"
+        );
+        let message = format!("`{address}` is a directory inside the kernel's directory");
         return at.key("address").reject(message, help);
     }
     Some(address.clone())

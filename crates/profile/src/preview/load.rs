@@ -1,4 +1,5 @@
-//! Load of a line: the exchanges per second, and the share of the line's time that they take.
+//! Load of a bus line: the exchanges per second, and the share of time for which they occupy the line. An exchange is a
+//! request with its answer.
 //!
 //! The load assumes the busiest time without a fault, when every axis moves at each update. Profiles do not state the
 //! answer time of devices, so a typical one is assumed. The preview also shows the answer time at which the line would
@@ -19,7 +20,7 @@ use crate::{Bus, BusId, Device, Profile, ProfileError};
 const TIGHT: f64 = 80.0;
 const FULL: f64 = 100.0;
 
-/// Load of a line: the share of its time that the exchanges take.
+/// Load of a bus line: the share of time for which the exchanges occupy the line.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Load {
     /// Exchanges per second while every axis moves at each update.
@@ -33,7 +34,8 @@ pub struct Load {
     /// Assumed answer time of a device in milliseconds. On a serial port, it does not include the transfer of the
     /// bytes.
     pub answer_ms: f64,
-    /// Answer time at which the line would be full, in milliseconds. `None` if it is full with any answer time.
+    /// Answer time at which the line would be full, in milliseconds. `None` if the line is full even if devices answer
+    /// at once.
     pub full_at_answer_ms: Option<f64>,
     /// Assessment of the load.
     pub verdict: Verdict,
@@ -53,7 +55,7 @@ pub enum Verdict {
     Full,
 }
 
-/// Duration of an exchange: a known time, plus the answer time of the device multiplied by `waits`.
+/// Duration of an exchange: the time `known`, plus the answer time of the device multiplied by `waits`.
 struct Cost {
     known: Duration,
     waits: f64,
@@ -111,7 +113,7 @@ impl Load {
         lines.map(|(bus, asked)| Load::of_exchanges(profile, bus, &asked)).collect()
     }
 
-    /// Calculates the load of one line. `None` as for [`Load::of_lines`].
+    /// Calculates the load of one line. `None` in the same cases as in the result of [`Load::of_lines`].
     pub fn of(profile: &Profile, id: BusId) -> Option<Load> {
         Load::of_lines(profile).swap_remove(id.0)
     }

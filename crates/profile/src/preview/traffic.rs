@@ -1,5 +1,5 @@
-//! Exchanges (request and answer) on each line and their rates: polls, heartbeat, outputs, output sets. The calculation
-//! has no side effects.
+//! Exchanges (request and answer) on each bus line, and how often each exchange takes place: polls, heartbeat, outputs,
+//! output sets. The calculation has no side effects.
 
 use std::time::Duration;
 
@@ -155,7 +155,7 @@ impl Traffic<'_> {
         }
     }
 
-    /// Adds `times` reads for each write, if the output is verified by reading the value back.
+    /// Adds `times` reads for each write, if the gateway verifies the output by reading the value back.
     fn read_back(&mut self, output: &Output, per_second: f64, times: f64) {
         let from = output.reads_at();
         if !output.verify.reads() || !is_asked_for(&from) {
@@ -234,8 +234,8 @@ fn refreshes(every: Duration, refresh: Option<Duration>) -> f64 {
     })
 }
 
-/// Returns the updates per second of axes with these periods, sorted from the shortest. Simultaneous updates of several
-/// axes count once.
+/// Returns the updates per second of axes with these update periods. Simultaneous updates of several axes count once.
+/// The periods must be sorted from the shortest to the longest.
 fn together(periods: &[Duration]) -> f64 {
     let own = periods.iter().enumerate().filter(|(place, period)| {
         periods[..*place].iter().all(|shorter| !period.as_nanos().is_multiple_of(shorter.as_nanos()))

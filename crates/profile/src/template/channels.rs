@@ -11,7 +11,7 @@ use crate::tables::register::TypeWord;
 /// Keys of a group that describe its sequence of channels. A single channel does not get these keys.
 pub(super) const OF_GROUP: [&str; 6] = ["name", "count", "from", "stride", "unverified", "ask"];
 
-/// Channel that is read, target that is written, or check of a template.
+/// Member of a group of a template: a channel that is read, a target that is written, or a check.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Channel {
     /// Name in the profile: "0", "cjc".
@@ -29,7 +29,7 @@ pub(super) struct Channel {
 /// Expands a group into its channels. The number `base` is added to all register numbers.
 ///
 /// # Errors
-/// A sentence: a register is invalid, or beyond the last one.
+/// A register is invalid, or beyond the last register. The error is one sentence.
 pub(super) fn of_group(name: &str, group: &Group, base: u16) -> Result<Vec<Channel>, String> {
     let number = |key: &str, default: u16| {
         let value = group.get(key).and_then(Value::as_u64);

@@ -11,7 +11,7 @@ use crate::kinds::modbus::channel::shifted;
 use crate::source_map::{child, element};
 
 impl Filling<'_> {
-    /// Adds the checks of the template to those of the profile.
+    /// Adds the checks of the template to the checks that the profile states for the device.
     pub(super) fn checks(&mut self, device: &str) {
         let path = child("device", device);
         let table = self.table("device", device).cloned().unwrap_or_default();
@@ -35,7 +35,7 @@ impl Filling<'_> {
             let what = text(group, "what").unwrap_or(name);
             let equals = match expect.get(name) {
                 Some(Value::String(_)) => {
-                    unchecked.push(format!("{what}: because of `expect` in the profile"));
+                    unchecked.push(format!("{what}: omitted by `expect` in the profile"));
                     continue;
                 }
                 Some(number) => number.clone(),

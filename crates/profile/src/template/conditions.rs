@@ -8,7 +8,7 @@ use super::used::Use;
 use crate::source_map::child;
 
 impl Filling<'_> {
-    /// Converts a condition on channels into one on signals. If no signal reads a channel, a signal is added.
+    /// Converts a condition on channels into a condition on signals. If no signal reads a channel, a signal is added.
     pub(super) fn condition(&mut self, condition: &str, device: &str, at: &str) -> String {
         let mut out = String::new();
         let mut rest = condition;

@@ -23,8 +23,8 @@ pub(super) struct Filling<'a> {
     pub(super) errors: &'a mut Findings,
     pub(super) known: BTreeMap<String, Definition>,
     pub(super) templates: Templates,
-    /// Templates that have been searched, by name. The search is stored because many devices may have the same
-    /// template.
+    /// Results of searches for templates, by name of the template. They are stored because many devices may have the
+    /// same template.
     searched: BTreeMap<String, Result<Written, Wrong>>,
     /// Devices whose template has an error, which was reported already.
     broken: HashSet<String>,
@@ -273,8 +273,8 @@ impl<'a> Filling<'a> {
         format!("this value comes from channel `{channel}` of template `{template}`")
     }
 
-    /// Adds an output to the output set of its device. Does nothing if the template has no set, or if the profile names
-    /// one.
+    /// Adds an output to the output set of its device. Does nothing if the template has no set, or if the profile
+    /// already names a set for this output.
     fn set(&mut self, output: &str, device: &str, at: &str) {
         let Some(set) = self.known[device].set.clone() else { return };
         let note = format!("this value comes from template `{}`", self.templates[device].name);
@@ -313,7 +313,7 @@ impl<'a> Filling<'a> {
         }
     }
 
-    /// Reports devices that need a heartbeat if the profile writes to them and sends no heartbeat.
+    /// Reports devices that need a heartbeat, to which the profile writes outputs, but sends no heartbeat.
     fn silent_heartbeats(&mut self) {
         let of_heartbeat = self.profile.get("heartbeat").and_then(|beat| text(beat.as_object()?, "device"));
         let outputs = self.profile.get("output").and_then(Value::as_object);

@@ -83,7 +83,7 @@ pub(super) fn find(
     Ok(Written { own_file, text, body })
 }
 
-/// Builds a hint for an unknown name, because users often abbreviate a model number. The suggestion is a name with the
+/// Builds a hint for an unknown template name. Users often abbreviate a model number. The suggestion is a name with the
 /// same beginning, else the nearest word, else a name with the same number.
 fn nearest_names(name: &str, known: &[String]) -> String {
     let bare = |text: &str| text.chars().filter(char::is_ascii_alphanumeric).collect::<String>();

@@ -16,7 +16,7 @@ pub(super) fn texts(table: &Group, key: &str) -> Vec<String> {
     list.into_iter().flatten().filter_map(Value::as_str).map(str::to_owned).collect()
 }
 
-/// Returns the names of one kind of table, in the order of the file.
+/// Returns the names of all tables of one kind, for example of all signals, in the order of the file.
 pub(super) fn in_order(profile: &Map<String, Value>, table: &str, spans: &SourceMap) -> Vec<String> {
     let names = profile.get(table).and_then(Value::as_object);
     let mut names: Vec<String> = names.into_iter().flat_map(Map::keys).cloned().collect();

@@ -125,8 +125,8 @@ fn bit((name, group): (&String, &Value)) -> Option<String> {
     (is_bit && group.get("type").is_none() && group.get("count").is_none()).then(|| name.clone())
 }
 
-/// Returns the first group of measuring channels with the unit °C. Channels for cold junctions and those with a finer
-/// resolution are skipped.
+/// Returns the first group of measuring channels with the unit °C. Channels for cold junctions, and channels with a
+/// finer resolution, are skipped.
 fn measuring(text: &Table) -> Option<(&String, &Value)> {
     let mut groups = text.get("channel").and_then(Value::as_table).into_iter().flatten();
     let is_beside =

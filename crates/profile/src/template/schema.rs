@@ -12,7 +12,7 @@ const OF_OUTPUT: [&str; 9] =
 /// Keys of a device that a template sets for a CANopen node.
 pub(super) const NODE: [&str; 3] = ["heartbeat", "setup", "emergency"];
 
-/// Generates the JSON Schema of a device template, draft 2020-12, from that of a profile.
+/// Generates the JSON Schema of a device template, draft 2020-12, from the schema of a profile.
 pub(crate) fn of_template(profile: &Value) -> Value {
     let keys = |table: &str, without: &[&str]| {
         let known = profile.pointer(&format!("/$defs/{table}/properties")).and_then(Value::as_object);
@@ -71,13 +71,12 @@ fn node(device: &Map<String, Value>) -> Value {
 fn groups(mut keys: Map<String, Value>, what: &str) -> Value {
     let whole =
         |what: &str| json!({ "description": what, "type": "integer", "minimum": 0, "maximum": 65535 });
-    let stride = "Distance between members in registers, bits of a frame or subindexes. Default: the length \
-                  of \
-                  one value.";
+    let stride = "Distance between two members of the group, in registers, bits of a frame or subindexes. \
+                  Default: the length of one value.";
     let own = [
         ("name", text("Name of the members; `{n}` is the number. Default: the group's name.")),
-        ("count", whole("Number of members. Default 1.")),
-        ("from", whole("Number of the first member. Default 0.")),
+        ("count", whole("Number of members of the group. Default 1.")),
+        ("from", whole("Number of the first member of the group. Default 0.")),
         ("stride", whole(stride)),
         ("unverified", text("Fact about this group that is not verified.")),
         ("ask", list("Keys that the profile must set, because a wrong guess would move an axis.")),

@@ -1,4 +1,4 @@
-//! Checks one CAN line for conflicts: node numbers used twice, reserved identifiers, frames and objects with two
+//! Checks each CAN line for conflicts: node numbers used twice, reserved identifiers, frames and objects with two
 //! writers.
 
 use std::collections::HashMap;
@@ -16,7 +16,7 @@ struct Node {
     index: usize,
 }
 
-/// Checks all lines for conflicts.
+/// Checks all CAN lines for conflicts.
 pub(super) fn check(check: &Check<'_>) {
     let devices = check.devices.by_owner(|device| Some(device.bus.0));
     let bus_of = |signal: &Signal| Some(check.devices.get(signal.device.0)?.bus.0);
@@ -154,7 +154,7 @@ fn objects_written(check: &Check<'_>) {
     }
 }
 
-/// Description of the other use of an identifier, and a hint for the error.
+/// Description of the conflicting use of a CAN identifier, and a hint for the error.
 type Blame = (String, &'static str);
 
 /// Returns the standard use of an identifier if that use carries no values, such as SYNC or a heartbeat. `None` if the
@@ -211,7 +211,7 @@ fn sent_by_another(id: CanId, nodes: &[Node], device: usize, name: &str) -> Opti
     let message = format!("TPDO{number} of node {}, `{}`, and not of `{name}`", node.number, node.device);
     // Two devices with one number have been reported.
     let is_own = nodes.iter().any(|other| (other.number, other.index) == (node.number, device));
-    (!is_own).then_some((message, "write this device in `device`, or correct the identifier"))
+    (!is_own).then_some((message, "write the name of that device in `device`, or correct the identifier"))
 }
 
 fn sent_by_a_node(id: CanId, nodes: &[Node]) -> Option<Blame> {
@@ -228,5 +228,5 @@ fn received_by_another(id: CanId, nodes: &[Node], device: usize) -> Option<Blame
     let (number, node, is_sent) = usual(id, nodes)?;
     let message = format!("RPDO{number} of node {}, `{}`", node.number, node.device);
     (!is_sent && node.index != device)
-        .then_some((message, "write this device in `device`, or correct the identifier"))
+        .then_some((message, "write the name of that device in `device`, or correct the identifier"))
 }

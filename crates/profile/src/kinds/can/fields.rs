@@ -123,7 +123,8 @@ impl RawPdo {
                 CanId::standard(sender.usual_identifier(number, node?))
             }
             (Some(_), Some(_)) => {
-                let message = "`cob_id` and `number` exclude each other: both name the frame";
+                let message =
+                    "`cob_id` and `number` exclude each other: both set the identifier of the frame";
                 at.key("number").wrong_key(message, "keep one of the two keys");
                 None
             }

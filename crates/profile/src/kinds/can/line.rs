@@ -40,7 +40,7 @@ pub(super) fn preview(profile: &Profile, id: BusId) -> Section {
     let mut section = Section::default();
     section.lines("  sends ", &sync);
     section.line(match filters.is_empty() {
-        true => "  the kernel passes no frames",
+        true => "  the kernel passes no frames to the gateway",
         false => "  the kernel passes only these frames:",
     });
     section.lines("    ", &filters);
@@ -59,8 +59,8 @@ impl CanDevice {
                 ),
                 false => {
                     format!(
-                        "node {node} is not started by the gateway: it starts by itself, or another master \
-                         starts it"
+                        "the gateway does not start node {node}: the node starts by itself, or another master \
+                         starts the node"
                     )
                 }
             };
@@ -76,7 +76,10 @@ impl CanDevice {
         });
         let setup = self.setup.iter().map(|Setup { object, value, what }| {
             let what = if what.is_empty() { String::new() } else { format!(": {what}") };
-            format!("before each start writes {object} = {value} ({}){what}", object.data_type.name())
+            format!(
+                "before each start of the node writes {object} = {value} ({}){what}",
+                object.data_type.name()
+            )
         });
         let fields = own().filter_map(|signal| match &signal.address {
             Address::Frame(field) => Some((field, signal.name.as_str())),

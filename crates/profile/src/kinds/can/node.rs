@@ -1,5 +1,5 @@
-//! Settings of a device on a CAN line: its node number, the objects written before the start, and the frames written to
-//! it.
+//! Settings of a device on a CAN line: its node number, the objects that are written before the node starts, and the
+//! frames that are sent to the device.
 
 use std::time::Duration;
 
@@ -53,17 +53,18 @@ pub(crate) struct RawEmergency {
 pub struct CanDevice {
     /// CANopen node number, 1 to 127. `None` if the device only sends frames.
     pub node: Option<u8>,
-    /// Whether the gateway starts the node by NMT, at the beginning and after each boot-up.
+    /// Whether the gateway starts the node by NMT (CANopen network management): when the gateway starts, and after each
+    /// boot-up of the node.
     pub start: bool,
-    /// Timeout of the node's heartbeat, which also applies if none was ever received. `None` if the heartbeat is not
-    /// monitored.
+    /// Timeout of the node's heartbeat. The timeout also applies if no heartbeat was ever received. `None` if the
+    /// heartbeat is not monitored.
     pub heartbeat: Option<Duration>,
-    /// Objects written before each start, in this order.
+    /// Objects that are written before each start of the node, in this order.
     pub setup: Vec<Setup>,
     /// Meanings of the device's own emergency codes. They take precedence over those of CiA 301.
     pub emergencies: Vec<Emergency>,
-    /// Frames that are written, before the values of outputs are inserted. Outputs may share a frame, which is sent
-    /// when each of them has a value.
+    /// Frames that the gateway sends, with their bytes before the values of outputs are inserted. Several outputs may
+    /// write into one frame. The gateway sends this frame when each of these outputs has a value.
     pub written: Vec<Frame>,
 }
 
@@ -79,7 +80,8 @@ pub struct Setup {
 }
 
 impl CanDevice {
-    /// Returns the written frame with this identifier, before the values of its outputs are inserted.
+    /// Returns the frame that the gateway sends with this identifier. The values of its outputs have not been inserted
+    /// yet.
     pub fn written(&self, id: CanId) -> Option<&Frame> {
         self.written.iter().find(|frame| frame.id() == id)
     }
@@ -121,7 +123,7 @@ impl RawSetup {
 }
 
 /// Reports an error if `setup` makes the node send its heartbeat too rarely for the timeout `heartbeat`. Does nothing
-/// if either of them is unknown.
+/// if the timeout or the heartbeat period is unknown.
 pub(super) fn heartbeat_produced(at: &KeyContext<'_>, can: &CanDevice) {
     let produced = can.setup.iter().find(|setup| setup.object.entry.index == 0x1017);
     let Some((heartbeat, produced)) = can.heartbeat.zip(produced) else { return };
@@ -131,8 +133,7 @@ pub(super) fn heartbeat_produced(at: &KeyContext<'_>, can: &CanDevice) {
         let heartbeat = shown(heartbeat);
         let message =
             format!("`heartbeat` is {heartbeat}, but with 1017:00 in `setup` the node sends {pace}");
-        let help =
-            "let the node send at least two heartbeats in this time, so that one lost heartbeat is no fault";
+        let help = "let the node send at least two heartbeats in this time, so that one lost heartbeat is not a fault";
         at.key("heartbeat").invalid(message, help);
     }
 }

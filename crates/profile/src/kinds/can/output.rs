@@ -17,8 +17,7 @@ pub(super) fn foreign_keys(raw: &RawOutput, at: &KeyContext<'_>, device: &str) {
     not_here(at);
     let of_modbus = ["register", "word_order", "byte_swap", "beside", "stale", "set", "handshake"];
     let help = format!(
-        "`{device}` is on a CAN line: remove this key; a value is written by pdo, sdo or \
-                        frame"
+        "`{device}` is on a CAN line: remove this key; pdo, sdo or frame sets where a value is written"
     );
     at.not_applicable(&of_modbus, "a Modbus device", &help);
     if at.key("restart").has("boot_counter") {

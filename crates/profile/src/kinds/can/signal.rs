@@ -10,7 +10,7 @@ use crate::tables::signal::{Located, RawSignal};
 use crate::tables::{Check, KeyContext};
 use isotherm_core::codec::{Address, DataType, Encoding};
 
-/// Resolves where a signal is read: in frames or in an object.
+/// Resolves the place from which a signal is read: CAN frames, or a CANopen object.
 pub(super) fn resolve(check: &Check<'_>, raw: &RawSignal, at: &KeyContext<'_>) -> Option<Located> {
     let device = raw.device.as_deref()?;
     let own = (raw.scale.unwrap_or(1.0), raw.offset.unwrap_or(0.0));
@@ -153,7 +153,7 @@ fn toml_number(number: f64) -> String {
     format!("{number:?}")
 }
 
-/// Hint for `type` of a value in frames.
+/// Hint for the key `type` of a value in CAN frames, which is not allowed there.
 const OF_BITS: &str = "remove this key: `length`, `signed` and `float` define the type";
 
 fn no_fill(at: &KeyContext<'_>, is_there: bool) {

@@ -1,11 +1,11 @@
-//! Adapts the registers of a template group for each of its channels, which follow each other.
+//! Calculates the registers of each channel of a template group. The registers of the channels follow each other.
 
 use serde_json::{Map, Value};
 
 use crate::tables::register::{Bits, Cell};
 
-/// Changes every `register` in a value to the register of the channel with the index `place`. The value may contain
-/// tables and lists.
+/// Changes every register in the value of `key` to the register of the channel with the index `place`. The value may
+/// contain tables and lists. `stride` is the distance between two channels. `base` is added to all register numbers.
 pub(crate) fn moved(value: Value, key: &str, place: u16, stride: u16, base: u16) -> Result<Value, String> {
     let inner = |(key, value): (String, Value)| Ok((key.clone(), moved(value, &key, place, stride, base)?));
     Ok(match value {
@@ -21,7 +21,7 @@ pub(crate) fn moved(value: Value, key: &str, place: u16, stride: u16, base: u16)
     })
 }
 
-/// Returns whether the text of a key is a register.
+/// Returns whether the value of a key with this name is a register.
 fn is_register(key: &str) -> bool {
     let of_signals = matches!(key, "register" | "scale_from" | "decimals_from");
     of_signals

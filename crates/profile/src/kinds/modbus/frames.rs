@@ -1,6 +1,6 @@
 //! Calculates the lengths of Modbus frames, from which the load of a serial line is calculated.
 //!
-//! A value without a register, such as a node, counts as the shortest request.
+//! A value without a register, for example an OPC UA node, counts as the shortest request.
 
 use super::functions::WriteFunction;
 use crate::Device;

@@ -17,7 +17,7 @@ macro_rules! functions {
             $($word,)+
         }
 
-        /// Function codes that may be sent to a device.
+        /// Permissions to send function codes to a device, one for each function code.
         #[derive(Clone, Copy, Debug, PartialEq, Eq)]
         #[allow(clippy::struct_excessive_bools, reason = "eight independent permissions")]
         pub struct Functions {
@@ -28,7 +28,7 @@ macro_rules! functions {
         }
 
         impl Functions {
-            /// All functions are allowed.
+            /// Permissions that allow all functions.
             pub const ALL: Functions = Functions { $($permission: true,)+ };
 
             /// Returns the permissions for the named functions.
@@ -80,7 +80,7 @@ impl WriteFunction {
 }
 
 impl Functions {
-    /// Returns whether registers or bits of this table may be read.
+    /// Returns whether this Modbus table may be read: coils, discrete inputs, input registers or holding registers.
     pub const fn reads(self, table: Table) -> bool {
         match table {
             Table::Coil => self.read_coils,
@@ -99,8 +99,8 @@ impl Functions {
         }
     }
 
-    /// Returns the function that writes this number of holding registers. For one register it is 06 if allowed,
-    /// otherwise 16. `None` if neither is allowed.
+    /// Returns the function that writes this number of holding registers. For one register, this is function 06 if
+    /// allowed, otherwise function 16. `None` if no allowed function can write them.
     pub const fn writes(self, registers: u16) -> Option<WriteFunction> {
         if registers == 1 && self.write_single {
             Some(WriteFunction::Single)

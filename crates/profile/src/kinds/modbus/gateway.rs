@@ -3,7 +3,7 @@
 use crate::document::Section;
 use crate::{BusId, Profile};
 
-/// Preview of the devices behind a Modbus gateway. `None` if there are none.
+/// Preview of the devices behind a Modbus gateway. `None` if no device is behind a Modbus gateway.
 pub(super) fn preview(profile: &Profile, id: BusId) -> Option<Section> {
     let here = profile.devices_on(id).filter(|(device, _)| profile.is_behind_gateway(*device));
     let devices: Vec<&str> = here.map(|(_, device)| device.name.as_str()).collect();
@@ -19,10 +19,10 @@ pub(super) fn preview(profile: &Profile, id: BusId) -> Option<Section> {
         "  after a missing answer, the next request to a unit waits until a late answer can no longer arrive",
     );
     section.line(
-        "  the gateway rarely requests a unit that does not answer, so that the readings of other units \
+        "  isotherm sends few requests to a unit that does not answer, so that the readings of other units \
          stay recent",
     );
-    section.line("  the gateway requests such a unit at least every five minutes");
+    section.line("  isotherm sends a request to such a unit at least every five minutes");
     section.entry("devices", &devices);
     Some(section)
 }

@@ -1,4 +1,4 @@
-//! `[bus.*]` of Modbus lines: address, serial port, and TLS.
+//! Settings of Modbus lines in the tables `[bus.*]` of the profile: address, serial port, and TLS.
 
 use std::time::Duration;
 
@@ -122,7 +122,7 @@ pub(super) fn address(raw: &RawBus, at: &KeyContext<'_>) -> Option<String> {
     let help = help.unwrap_or_else(|| {
         format!("write host and port, as \"{example}\"; {USUAL} is Modbus TCP's usual port")
     });
-    at.reject(format!("`{address}` is no host and port"), help)
+    at.reject(format!("`{address}` is not a host and port"), help)
 }
 
 /// Resolves the settings of a serial port. Returns `None` if they have an error.

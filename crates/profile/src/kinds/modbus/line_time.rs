@@ -1,4 +1,5 @@
-//! Bus time that the polls of a serial line need: a check that they fit into their periods, and a preview.
+//! Time that polling takes on a serial line. Checks that the polls fit into their periods, and shows the time in the
+//! preview.
 
 use std::collections::BTreeSet;
 
@@ -13,15 +14,16 @@ use crate::tables::signal::Signal;
 use crate::{BusId, Profile};
 use isotherm_core::codec::Table;
 
-/// Length of a read request in bytes. The next constant, `AROUND_DATA`, is the length of an answer without its data:
-/// unit, function, byte count, checksum.
+/// Length of a read request in bytes.
 const READ: usize = 8;
+/// Length of an answer without its data, in bytes: unit, function, byte count, checksum.
 const AROUND_DATA: usize = 5;
-/// Fraction of a line's time for polls above which the line has too little reserve for writes, slow devices and
-/// retries.
+/// Largest fraction of a line's time that polls may take without a warning. Above it, too little time is left for
+/// writes, slow devices and retries.
 const FULL: f64 = 0.8;
 
-/// Reports serial lines whose polls take longer than their periods. Warns about lines that are almost full.
+/// Reports serial lines whose polls take longer than the poll periods. Warns about lines whose polls take almost all of
+/// the time.
 pub(super) fn check(check: &Check<'_>) {
     let devices = check.devices.by_owner(|device| Some(device.bus.0));
     let signals = check.signals.by_owner(|signal| Some(signal.device.0));
@@ -78,7 +80,8 @@ fn least_time(serial: Serial, device: &Device, signals: &[&Signal]) -> f64 {
     seconds
 }
 
-/// Preview of a serial port: its settings, and the time for polls. The answer times of the devices are not included.
+/// Preview of a serial port: its settings, and the time that polls take. The answer times of the devices are not
+/// included.
 pub(super) fn preview(profile: &Profile, id: BusId, serial: Serial) -> Section {
     let transport = profile.bus(id).transport;
     let settings = transport.port_settings();

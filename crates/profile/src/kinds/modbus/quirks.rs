@@ -8,9 +8,9 @@ use serde::Deserialize;
 use crate::duration::Timespan;
 use crate::tables::bus::transport::Transport;
 
-/// Type of the lines on which the quirk `gateway` is allowed, for messages. The next constant, `WAITS`, is the hint for
-/// lines with RTU frames.
+/// Description, for messages, of the lines on which the quirk `gateway` is allowed.
 pub(crate) const OF_TCP: &str = "a modbus-tcp line";
+/// Hint if the quirk `gateway` is set on a line with RTU frames.
 pub(crate) const WAITS: &str =
     "remove this key: on a line with RTU frames the gateway always waits for late answers";
 
@@ -38,8 +38,9 @@ pub(crate) struct RawQuirks {
     /// Whether the device loses the first request of each connection. The gateway then sends a read after connecting,
     /// and ignores whether it is answered. Default false.
     loses_first_request: Option<bool>,
-    /// Whether the device is behind a Modbus gateway from TCP to a serial line. After a missed answer, the next request
-    /// then waits for the time of a late answer. Default: true if two or more units share the modbus-tcp bus.
+    /// Whether the device is behind a Modbus gateway from TCP to a serial line. If an answer is missing, the next
+    /// request then waits until a late answer can no longer arrive. Default: true if two or more units share the
+    /// modbus-tcp bus.
     gateway: Option<bool>,
 }
 
@@ -67,7 +68,7 @@ pub struct Quirks {
 /// Whether a device on a Modbus TCP line is behind a Modbus gateway to a serial line.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Gateway {
-    /// The profile does not state it. A gateway is assumed if two or more units share the line.
+    /// The profile does not state whether there is a Modbus gateway. It is assumed if two or more units share the line.
     #[default]
     ByUnits,
     /// The device is behind a Modbus gateway.
@@ -114,7 +115,7 @@ impl Quirks {
 }
 
 impl RawQuirks {
-    /// Returns the quirks `below`, with the values replaced that this table sets.
+    /// Returns the quirks `below`. The values that this table sets replace those of `below`.
     pub(crate) fn over(&self, below: Quirks) -> Quirks {
         let span = |raw: Option<Timespan>, below| raw.map_or(below, |Timespan(span)| span);
         let most = self.max_registers_per_request;

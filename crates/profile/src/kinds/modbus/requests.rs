@@ -1,19 +1,19 @@
 //! Read requests of a Modbus device.
 //!
 //! Registers that are close to each other in one table share a request, even if a few registers in between are not
-//! needed. A request costs a round trip, a register only two bytes. A device that refuses registers that it does not
-//! have needs `max_gap = 0`. A device that serves a register wrongly together with others has signals with `merge =
-//! false`.
+//! needed. A request costs a round trip, but a register only two bytes. A device needs `max_gap = 0` if it rejects
+//! requests for registers that it does not have. A signal needs `merge = false` if its device returns wrong values in a
+//! shared request.
 //!
-//! A value and its scale, which may be in another register, share a request even if they are farther apart. In one
-//! answer they belong together.
+//! A value and its scale, which may be in another register, share a request even if their registers are far apart. Only
+//! in the same answer is it certain that the scale applies to the value.
 
 use super::quirks::Quirks;
 use crate::plan::{Field, ReadRequest, ReadTarget};
 use crate::tables::bus_kind::SignalsOf;
 use crate::tables::device::Device;
 
-/// Largest number of coils or discrete inputs in one request of the protocol.
+/// Largest number of coils or discrete inputs that the Modbus protocol allows in one request.
 pub(crate) const MAX_BITS: u16 = 2000;
 
 pub(super) fn of(device: &Device, signals: &SignalsOf<'_>) -> Vec<ReadRequest> {
@@ -64,9 +64,9 @@ fn join_scales(requests: &mut Vec<ReadRequest>, limit: u16) {
     }
 }
 
-/// Finds a later request that contains the scale of a value in the request `place`, or the value for a scale in it.
-/// Returns the index of the last such request that fits into one request together with `place`. `None` if there is
-/// none.
+/// Finds the partners of the request with the index `place`. A partner is a later request with the scale of one of its
+/// values, or with the value of one of its scales. Returns the index of the last partner that can be merged with the
+/// request. `None` if no partner can be merged.
 fn farthest_partner(requests: &[ReadRequest], place: usize, limit: u16) -> Option<usize> {
     let (from, _) = requests[place].span()?;
     let belongs = |next: &ReadRequest| {
@@ -93,8 +93,8 @@ fn join(request: &mut ReadRequest, next: &ReadRequest) {
     request.fields.extend(next.fields.iter().map(|field| Field { at: at + field.at, ..*field }));
 }
 
-/// Merges the next request by address into a request if possible. Returns `false` if `next` is too far away, or if the
-/// merged request would be too long.
+/// Merges `next`, the request at the next higher address, into a request if possible. Returns `false` if `next` is too
+/// far away, or if the merged request would be too long.
 fn takes(request: &mut ReadRequest, next: &ReadRequest, quirks: &Quirks) -> bool {
     let (ReadTarget::Registers { from, count }, Some((start, len))) = (&request.asks, next.span()) else {
         return false;

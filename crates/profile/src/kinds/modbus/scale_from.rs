@@ -42,8 +42,10 @@ pub(super) fn resolve(
         Bits::One(_) => None,
     };
     let Some(data_type) = data_type else {
-        return at
-            .reject(format!("`{text}` cannot hold a scale: it is one bit, or beyond its register"), help);
+        return at.reject(
+            format!("`{text}` cannot hold a scale: it is one bit, or not inside one register"),
+            help,
+        );
     };
     let (value, of_value) = value;
     if matches!(of_value, DataType::Bool | DataType::Bit(_)) {
@@ -75,8 +77,8 @@ pub(super) fn check(check: &Check<'_>) {
             let message = format!("`{key}` needs a limit of the rate of change");
             let unit = signal.unit.0;
             let help = format!(
-                "write `max_rate`, in {unit} per second: after a change of the scale, it shows whether the value is \
-                 plausible"
+                "write `max_rate`, in {unit} per second: after a change of the scale, this limit shows whether the \
+                 value is plausible"
             );
             at.wrong_key(message, help);
         }

@@ -54,7 +54,7 @@ pub(super) fn resolve(raw: &RawSignal, at: &KeyContext<'_>, device: Option<&Devi
     Some(Located { scale_from, ..Located::of(address.into(), encoding, unit) })
 }
 
-/// Resolves the type of a signal: that of whole registers, of one bit, or of several bits.
+/// Resolves the type of a signal whose value is whole registers, one bit, or several bits of a register.
 fn type_in(raw: &RawSignal, at: &KeyContext<'_>, cell: Cell) -> Option<DataType> {
     let kind = raw.kind.map(|TypeWord(kind)| kind);
     let is_bits = cell.address.table.is_bits();

@@ -14,7 +14,7 @@ use crate::host_port::host_and_port;
 use crate::tables::KeyContext;
 use crate::tables::bus::tls::{NamedFile, pair, password};
 
-/// Port registered for OPC UA by the OPC Foundation.
+/// Default TCP port of OPC UA, as registered by the OPC Foundation.
 pub(crate) const PORT: u16 = 4840;
 pub(crate) const SCHEME: &str = "opc.tcp://";
 
@@ -84,7 +84,7 @@ pub enum User {
 }
 
 impl OpcUa {
-    /// Creates settings without message security and with an anonymous user, for a server that is in no profile.
+    /// Creates settings without message security and with an anonymous user, for a server that is not in a profile.
     pub fn plain() -> OpcUa {
         OpcUa {
             security: Security::None,
@@ -140,7 +140,7 @@ impl OpcUa {
     }
 }
 
-/// Parses the URL of a server, and adds the default port.
+/// Parses the URL of a server, and adds the default port if the URL has no port.
 ///
 /// # Errors
 /// The text is not the URL of a server. The error is a message and a hint.
@@ -158,7 +158,7 @@ pub fn server_url(text: &str) -> Result<String, (String, String)> {
     let (place, path) = rest.split_once('/').unwrap_or((rest, ""));
     if place.contains('@') {
         let help = "remove the part before `@`, and write `user`";
-        return Err(("a URL in a profile must not name a user".to_owned(), help.to_owned()));
+        return Err(("a URL in a profile must not contain a user name".to_owned(), help.to_owned()));
     }
     let path = if path.is_empty() { String::new() } else { format!("/{path}") };
     let found = host_and_port(place);
@@ -170,7 +170,7 @@ pub fn server_url(text: &str) -> Result<String, (String, String)> {
     }
     let help = found.err().and_then(|why| why.help(PORT, |place| format!("\"{SCHEME}{place}\"")));
     let help = help.unwrap_or_else(|| format!("write host and port, as {example}"));
-    Err((format!("`{place}` is no host and port"), help))
+    Err((format!("`{place}` is not a host and port"), help))
 }
 
 fn is_host(host: &str) -> bool {
@@ -189,8 +189,8 @@ impl RawUser {
             return None;
         }
         if !by_password {
-            let cert = (self.cert.as_ref(), "name the user's certificate, in DER or PEM form");
-            let key = (self.key.as_ref(), "name the private key of `cert`, in PEM form");
+            let cert = (self.cert.as_ref(), "write the path of the user's certificate, in DER or PEM form");
+            let key = (self.key.as_ref(), "write the path of the private key of `cert`, in PEM form");
             return pair(at, cert, key).map(|(cert, key)| User::Certified { cert, key });
         }
         at.key("name").missing(

@@ -1,4 +1,4 @@
-//! `[bus.*]` of OPC UA lines: URL of the server, security, and user.
+//! Settings of OPC UA lines in the tables `[bus.*]` of the profile: URL of the server, security, and user.
 
 use super::connection::{OpcUa, PORT, SCHEME, Security, User, server_url};
 use crate::tables::KeyContext;
@@ -31,10 +31,10 @@ pub(super) fn resolve(raw: &RawBus, at: &KeyContext<'_>) -> Option<OpcUa> {
         }
         return Some(OpcUa { user: user?, type_at, ..OpcUa::plain() });
     }
-    let of_cert = "name the gateway's own certificate, in DER or PEM form; `isotherm opcua certificate \
-                   PROFILE` creates this file";
-    let of_key = "name the private key of `cert`, in PEM form; `isotherm opcua certificate PROFILE` creates both \
-         files";
+    let of_cert = "write the path of the gateway's own certificate, in DER or PEM form; `isotherm opcua \
+                certificate PROFILE` creates this file";
+    let of_key = "write the path of the private key of `cert`, in PEM form; `isotherm opcua certificate PROFILE` \
+                creates both files";
     let own = pair(at, (raw.cert.as_ref(), of_cert), (raw.key.as_ref(), of_key));
     let trusted = trusted(at, raw.trusted.as_ref());
     let (own, trusted, trusted_in) = (Some(own?), trusted?, raw.trusted.clone());
@@ -44,8 +44,8 @@ pub(super) fn resolve(raw: &RawBus, at: &KeyContext<'_>) -> Option<OpcUa> {
 /// Reads the trusted certificates in the named directory. Warns if there are none.
 fn trusted(at: &KeyContext<'_>, directory: Option<&String>) -> Option<Vec<NamedFile>> {
     let at = at.key("trusted");
-    let help = "name a directory with the certificates of the trusted servers, one in each file, with the \
-                ending .der, .crt or .pem";
+    let help = "write the path of a directory with the certificates of the trusted servers, one in each file, \
+                with the ending .der, .crt or .pem";
     let fill = format!("{help}; `isotherm opcua trust PROFILE` makes and fills the directory");
     at.missing("`trusted` is missing: which certificates are accepted?", fill);
     let directory = directory?;

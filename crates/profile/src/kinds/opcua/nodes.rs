@@ -1,4 +1,4 @@
-//! Keys for OPC UA at signals, outputs, sets and devices: nodes, types, and what a timestamp means.
+//! Keys of signals, outputs, sets and devices that are only for OPC UA: nodes, types, and the meaning of timestamps.
 
 use schemars::JsonSchema;
 use serde::Deserialize;
@@ -8,7 +8,7 @@ use crate::tables::KeyContext;
 use crate::tables::register::{TypeWord, holding, is_of_registers};
 use isotherm_core::codec::{Address, DataType, Element, Node, NodeId};
 
-/// Meaning of the timestamps of a server: time of measurement, or time of the last change.
+/// Meaning of the timestamps that a server sends with values: time of measurement, or time of the last change.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 #[schemars(rename = "SourceTimeWord", description = "")]
@@ -131,21 +131,22 @@ pub(crate) fn holds(at: &KeyContext<'_>, node: &Node, most: u16) -> Option<()> {
         Some(_) => format!("{name} cannot contain {most}"),
         None => format!("{name} is not an integer type"),
     };
-    let help = "`type` must be the type of the node on the server: use another node, for example of type \
-                u16, i16, u32 or i32";
+    let help = "`type` must be the node's type on the server: use a node with another type, for example u16, i16, \
+                u32 or i32";
     at.key("type").reject(message, help)
 }
 
-/// Name of the tables that may have the key `node`, used in messages. The next constant, `ELSEWHERE`, is the hint for
-/// other tables.
+/// Description, for messages, of the devices for which the key `node` is allowed.
 pub(super) const OWNER: &str = "an OPC UA server";
+/// Hint if the key `node` is written for another device.
 pub(super) const ELSEWHERE: &str = "remove this key, or put the device on an opcua line";
 
-/// Types of a node, as named in a profile.
+/// Hint that lists the types of nodes, as a profile writes them.
 pub(crate) const TYPES: &str =
     "allowed: bool, u8, i8, u16, i16, u32, i32, u64, i64, f32, f64; an OPC UA browser shows the node's type";
 
-/// Parses the node identifier at the key `node`. `what` completes the message if the key is missing.
+/// Parses the node identifier at the key `node`. If the key is missing, the error message ends with `what`, for example
+/// "which node is read?".
 pub(crate) fn id(at: &KeyContext<'_>, text: Option<&String>, what: &str) -> Option<NodeId> {
     let at = at.key("node");
     let help = "write the server's name of the node, as \"ns=2;s=/Nck/State\" or \
@@ -209,7 +210,7 @@ fn typed(
     Some(Node::new(id?, Some(data_type.ok()??)))
 }
 
-/// Reports the key `node` of an output that is not on an OPC UA server.
+/// Reports an error if an output has the key `node`, but its device is not an OPC UA server.
 pub(crate) fn not_here(at: &KeyContext<'_>) {
     at.not_applicable(&["node"], OWNER, ELSEWHERE);
 }

@@ -1,4 +1,5 @@
-//! `[bus.*]` of lines with text: the serial port, or the address of a serial server.
+//! Settings of serial-ascii buses in the tables `[bus.*]` of the profile: the serial port, or the address of a serial
+//! server.
 
 use crate::host_port::host_and_port;
 use crate::kinds::modbus::serial::Serial;
@@ -7,11 +8,11 @@ use crate::tables::bus::RawBus;
 use crate::tables::bus::transport::Transport;
 use crate::tables::bus_kind::TransportAddress;
 
-/// Usual port of serial servers in examples.
+/// TCP port of a serial server, used in example addresses.
 const USUAL: u16 = 4001;
 
-/// Resolves transport and address of a line. If the line has the key `address`, it is connected through a serial
-/// server.
+/// Resolves transport and address of a bus. If the bus has the key `address`, the gateway connects to it through a
+/// serial server.
 pub(super) fn resolve(raw: &RawBus, at: &KeyContext<'_>) -> Option<TransportAddress> {
     if at.key("address").is_written() {
         let help = "remove this key: these settings are made at the serial server";
@@ -57,5 +58,5 @@ fn address(at: &KeyContext<'_>, address: Option<&String>) -> Option<String> {
             help.unwrap_or_else(|| "write host and port, as \"192.168.0.20:4001\"".to_owned())
         }
     };
-    at.reject(format!("`{address}` is no host and port"), help)
+    at.reject(format!("`{address}` is not a host and port"), help)
 }
