@@ -105,8 +105,8 @@ fn figures_that_contradict_each_other_are_reported_with_both() {
     for (written, says) in [
         ("http://10.0.0.7", &["is a URL", "\"10.0.0.7:502\""][..]),
         ("modbus://10.0.0.7:1502/", &["is a URL", "\"10.0.0.7:1502\""]),
-        ("192.168.0.300:502", &["`192.168.0.300` is no address", "0 to 255"]),
-        ("192.168.10:502", &["is no address"]),
+        ("192.168.0.300:502", &["`192.168.0.300` is not an IP address", "0 to 255"]),
+        ("192.168.10:502", &["is not an IP address"]),
     ] {
         let to = format!("address = \"{written}\"");
         refused("address = \"127.0.0.1:1502\"", &to, "bus.cell.address", &format!("\"{written}"), says);

@@ -67,13 +67,13 @@ fn a_start_that_nothing_tells_is_doubted() {
         &without,
         "machine",
         &[
-            "The model counts from machine start, but no signal tells when that is ([machine] on)",
+            "The model counts from machine start, but no signal shows the start ([machine] on)",
             "on = ",
             "`difference`",
         ],
     );
     let of_t = without.replacen("reference = \"start\"", "reference = 20.0", 1);
-    doubted(&of_t, "machine", &["`bed only`", "stays that of the first run for ever"]);
+    doubted(&of_t, "machine", &["`bed only`", "the reference temperature of its first run"]);
     let fixed = of_t.replacen("b*t + c", "b + c", 1);
     assert_eq!(parse(&fixed).unwrap().warnings, []);
 }

@@ -126,7 +126,7 @@ fn a_wrong_text_is_reported_at_its_key() {
     let (x, at) = ("text = \"X{number.4} mm\"", "signal.x.text");
     no_text(x, "text = \"X mm\"", at, "\"X mm\"", &["has no {number}"]);
     no_text(x, "text = \"{nummer}\"", at, "\"{nummer}\"", &["`{nummer}` is unknown", "{skip 2}"]);
-    no_text(x, "", at, "x]", &["in which text is the value"]);
+    no_text(x, "", at, "x]", &["which text with the value does the device send"]);
     let with_end = "text = \"X{number} mm\\r\"";
     no_text(x, with_end, at, "\"X{number} mm\\r\"", &["without its end", "leave out \\r and \\n"]);
     no_text(x, "register = \"input:0\"", "signal.x.register", "register", &["a Modbus device"]);

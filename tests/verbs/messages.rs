@@ -57,7 +57,7 @@ fn a_profile_that_does_not_exist_is_looked_for_in_its_directory() {
         ("press-7", "did you mean `HOME/press-7.toml`?"),
         ("pres-7.toml", "did you mean `HOME/press-7.toml`?"),
         ("press-7.tml", "did you mean `HOME/press-7.toml`?"),
-        ("other.toml", "`isotherm init` writes a first one"),
+        ("other.toml", "`isotherm init` writes a first profile"),
         ("etc/press-7.toml", "is the directory HOME/etc right?"),
     ] {
         let Ended { code, said, .. } = check(home.path(), &home.path().join(written));

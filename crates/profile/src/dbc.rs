@@ -110,7 +110,7 @@ impl DbcFile {
         let text = text.trim_start_matches('\u{feff}').to_owned();
         let panicked = |_| {
             let message = "this is not a readable DBC file: the parser failed";
-            Wrong::about(message, "open and save it with an editor for DBC files")
+            Wrong::about(message, "open and save the file with an editor for DBC files")
         };
         let unreadable = |why: can_dbc::DbcError| {
             let why = why.to_string();

@@ -9,7 +9,7 @@ use crate::file_kind::FileKind;
 use crate::safe_file;
 use crate::sources::{FileState, Sources, is_open_to_all, layer_name, names_in};
 
-/// Source of the files of one profile.
+/// Source from which the files of one profile are read.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Files<'a> {
     /// Files on disk. The profile names them relative to its own directory.

@@ -39,8 +39,8 @@ pub(crate) struct Report<'a> {
     used: RefCell<Vec<bool>>,
     /// For each signal, by index: its unit. Empty before the signals are resolved.
     units: RefCell<Vec<Option<Unit>>>,
-    /// Tables that do not exist, but to which keys refer, by path. The first number is the index of the error about the
-    /// table. The second is the number of further keys that refer to the table.
+    /// Missing tables to which keys refer, by path of the table. The first number is the index of the error about the
+    /// table. The second number counts the further keys that refer to the table.
     absent: RefCell<BTreeMap<String, (usize, usize)>>,
 }
 

@@ -263,7 +263,7 @@ fn meant_file(path: &Path) -> String {
     let wanted = path.file_name().unwrap_or_default().to_string_lossy();
     match nearest_or_longer(&wanted, &words) {
         Some(near) => format!("did you mean `{}`?", path.with_file_name(near).display()),
-        None => "give the path of a profile; `isotherm init` writes a first one".to_owned(),
+        None => "give the path of a profile; `isotherm init` writes a first profile".to_owned(),
     }
 }
 

@@ -178,7 +178,7 @@ fn regular(metadata: &Metadata) -> io::Result<()> {
         return Ok(());
     }
     let text = format!(
-        "this is {}, not a regular file: name a regular file, or put one at this path",
+        "this is {}, not a regular file: give the path of a regular file",
         what(metadata.file_type())
     );
     Err(io::Error::new(ErrorKind::InvalidInput, text))
@@ -209,10 +209,7 @@ mod tests {
         let found = [(pipe, "a named pipe"), (socket, "a socket"), (link, "a device")];
         for (path, what) in found.into_iter().chain([(directory.path().to_owned(), "a directory")]) {
             let why = read(&path, 1).unwrap_err().to_string();
-            assert_eq!(
-                why,
-                format!("this is {what}, not a regular file: name a regular file, or put one at this path")
-            );
+            assert_eq!(why, format!("this is {what}, not a regular file: give the path of a regular file"));
         }
     }
 

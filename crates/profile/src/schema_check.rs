@@ -157,7 +157,7 @@ impl SchemaCheck<'_> {
             (DeValue::Float(number), "number") => {
                 match number.as_str().parse::<f64>().ok().filter(|number| number.is_finite()) {
                     Some(number) => return Some(Value::from(number)),
-                    None => (format!("`{number}` is no number"), Some("write a finite number".to_owned())),
+                    None => (format!("`{number}` is not a number"), Some("write a finite number".to_owned())),
                 }
             }
             (found, _) => {
@@ -262,11 +262,11 @@ impl SchemaCheck<'_> {
     }
 }
 
-/// Keyword of the schema for a text that may have line breaks and tabs.
+/// Keyword of the JSON schema. It marks a text that may have line breaks and tabs.
 const LINES: &str = "x-lines";
 
-/// Keyword of the schema for a text that is sent to a device, or compared with a text from a device. Such a text may
-/// have ASCII control characters.
+/// Keyword of the JSON schema. It marks a text that is sent to a device, or compared with a text from a device. Such a
+/// text may have ASCII control characters.
 const CONTROL: &str = "x-control";
 
 /// Part of the message about invisible characters. They could control a terminal or end a line, and so falsify the text

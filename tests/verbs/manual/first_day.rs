@@ -229,7 +229,7 @@ fn a_person_gets_from_init_to_an_axis_with_a_checked_sign_without_a_refusal() {
         file(&home.join("campaign"), &format!("day{day}.csv"), &cold_start(day));
     }
     let said = runs(home, next("identify"), &["yes"]);
-    assert!(said.contains("the model is in ") && !said.contains("no signal tells"), "{said}");
+    assert!(said.contains("the model is in ") && !said.contains("no signal shows the start"), "{said}");
     let text = std::fs::read_to_string(&path).unwrap();
     assert!(text.contains("# Written by `isotherm init`") && text.contains("\n[[axis.z.model]]"), "{text}");
 

@@ -191,17 +191,17 @@ impl FileKind {
                  of a profile"
             }
             (FileKind::Kcd | FileKind::Arxml | FileKind::Sym, FileKind::Dbc) => {
-                "convert it with cantools (`pip install cantools`): `cantools convert THIS_FILE module.dbc`"
+                "convert the file with cantools (`pip install cantools`): `cantools convert THIS_FILE module.dbc`"
             }
             (FileKind::Kcd | FileKind::Arxml | FileKind::Sym, _) => {
-                "convert it with `cantools convert THIS_FILE module.dbc`, and write dbc = \"module.dbc\" at a \
+                "convert the file with `cantools convert THIS_FILE module.dbc`, and write dbc = \"module.dbc\" at a \
                  device of the profile"
             }
             (FileKind::Fibex, _) => {
-                "convert it with canmatrix (`pip install canmatrix`): `canconvert THIS_FILE module.dbc`"
+                "convert the file with canmatrix (`pip install canmatrix`): `canconvert THIS_FILE module.dbc`"
             }
             (FileKind::Workbook | FileKind::Json, FileKind::Dbc) => {
-                "if it lists frames, convert it with canmatrix (`pip install canmatrix`): `canconvert THIS_FILE \
+                "if the file lists frames, convert it with canmatrix (`pip install canmatrix`): `canconvert THIS_FILE \
                  module.dbc`"
             }
             (FileKind::Ldf, _) => "isotherm cannot read a LIN bus; use a gateway from LIN to CAN or Modbus",
@@ -209,8 +209,8 @@ impl FileKind {
             (FileKind::Mesh, _) => "`isotherm place` reads it",
             (FileKind::Json | FileKind::Yaml, FileKind::Log) => "save the log as CSV",
             (FileKind::Json, FileKind::Profile) => {
-                "a profile is TOML: [machine] and name = \"press-7\" in the place of \"machine\": { \"name\": … }. \
-                 `isotherm init` writes one. A model in JSON is named by the profile: file = \"model.json\""
+                "a profile is TOML: write [machine] and name = \"press-7\" instead of \"machine\": { \"name\": … }. \
+                 `isotherm init` writes a profile. If this file is a model, write file = \"model.json\" in the profile"
             }
             (FileKind::Yaml, FileKind::Profile | FileKind::Template) => {
                 "this file must be TOML: write [machine] and name = \"press-7\" instead of `machine:` and \

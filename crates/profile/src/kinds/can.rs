@@ -25,7 +25,7 @@ pub(crate) mod node;
 mod output;
 mod signal;
 
-/// Longest name of a network interface on Linux.
+/// Largest length of the name of a network interface on Linux, in characters.
 const LONGEST_NAME: usize = 15;
 /// Default CAN identifier of the SYNC message (CANopen).
 const SYNC: u32 = 0x80;

@@ -109,11 +109,11 @@ fn needs_address(raw: &RawSignal, at: &KeyContext<'_>) {
 /// Parses the pattern of a signal, after the address of its device has been inserted.
 fn pattern(signal: &KeyContext<'_>, text: Option<&String>, unit: u8) -> Option<TextPattern> {
     let at = signal.key("text");
-    let help = "write the line that the device sends, with {number} for the value, as \"{number} mm\"; `isotherm \
+    let help = "write the line of text that the device sends, with {number} for the value, as \"{number} mm\"; `isotherm \
                 scan` shows the text of a device";
     // The key of another kind of line has been reported.
     if !PLACES.iter().any(|key| signal.has(key)) {
-        at.missing("`text` is missing: in which text is the value?", help);
+        at.missing("`text` is missing: which text with the value does the device send?", help);
     }
     with_unit(text?, unit).parse().map_err(|why: String| report(&at, &why)).ok()
 }

@@ -313,7 +313,8 @@ impl<'a> Filling<'a> {
         }
     }
 
-    /// Reports devices that need a heartbeat, to which the profile writes outputs, but sends no heartbeat.
+    /// Reports an error for each device that needs a heartbeat if the profile writes outputs to the device, but sends
+    /// no heartbeat.
     fn silent_heartbeats(&mut self) {
         let of_heartbeat = self.profile.get("heartbeat").and_then(|beat| text(beat.as_object()?, "device"));
         let outputs = self.profile.get("output").and_then(Value::as_object);

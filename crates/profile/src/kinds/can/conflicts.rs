@@ -60,7 +60,7 @@ fn sync_identifier(check: &Check<'_>, bus: usize, nodes: &[Node]) {
     let Some((bus, id)) = check.buses.get(bus).zip(sync(check, bus)) else { return };
     if let Some((what, _)) = taken(id, None, nodes, true).or_else(|| sent_by_a_node(id, nodes)) {
         let help = "remove `cob_id`: SYNC has the identifier 0x80, unless the nodes are configured for \
-                    another one";
+                    another identifier";
         check.at("bus").key(&bus.name).key("sync").key("cob_id").invalid(format!("{id} is {what}"), help);
     }
 }

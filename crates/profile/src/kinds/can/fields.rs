@@ -155,7 +155,7 @@ impl RawFrame {
             None if needs_order => {
                 let message = "`order` is missing: what is the byte order of the value?";
                 let help = "write \"little\" (Intel, `start` is the least significant bit) or \"big\" \
-                            (Motorola, `start` is the most significant one)";
+                            (Motorola, `start` is the most significant bit)";
                 at.key("order").missing(message, help);
                 return None;
             }

@@ -110,7 +110,7 @@ pub(super) fn address(raw: &RawBus, at: &KeyContext<'_>) -> Option<String> {
     let is_numbers = host.contains('.') && host.chars().all(|c| c.is_ascii_digit() || c == '.');
     if is_numbers && host.parse::<std::net::Ipv4Addr>().is_err() {
         let help = "write four numbers of 0 to 255, as \"192.168.0.10:502\"";
-        return at.reject(format!("`{host}` is no address"), help);
+        return at.reject(format!("`{host}` is not an IP address"), help);
     }
     let example = match place {
         Ok((_, Some(_))) => return Some(address.clone()),
@@ -141,7 +141,7 @@ fn port(raw: &RawBus, at: &KeyContext<'_>) -> Option<String> {
     at.missing("`port` is missing: which serial port of this computer is the line?", help);
     let port = raw.port.as_ref()?;
     if !port.starts_with('/') {
-        let help = format!("write the whole path, as \"/dev/{port}\" or one of /dev/serial/by-id");
+        let help = format!("write the whole path, as \"/dev/{port}\" or a path below /dev/serial/by-id");
         return at.reject(format!("`{port}` is not the path of a serial port"), help);
     }
     if ["/dev/ttyUSB", "/dev/ttyACM"].iter().any(|numbered| port.starts_with(numbered)) {

@@ -20,7 +20,7 @@ pub(super) fn foreign_keys(raw: &RawOutput, at: &KeyContext<'_>, device: &str) {
 pub(super) fn resolve(raw: &RawOutput, at: &KeyContext<'_>, device: Option<&Device>) -> Option<Target> {
     if !["pdo", "sdo", "frame"].into_iter().any(|key| at.has(key)) {
         let help = "write a holding register, as \"holding:104\" or \"40105\"";
-        at.key("register").missing("`register` is missing: where is the value written?", help);
+        at.key("register").missing("`register` is missing: to which register is the value written?", help);
         let help = "allowed: u16, i16, u32, i32, u64, i64, f32, f64; the device's manual says which";
         at.key("type").missing("`type` is missing: which type does the value have in its registers?", help);
     }

@@ -44,7 +44,7 @@ pub(crate) struct RawQuirks {
     gateway: Option<bool>,
 }
 
-/// Special requirements of a device, with the names that Telegraf uses.
+/// Special requirements of a device. The fields have the same names as in Telegraf.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Quirks {
     /// Pause after connecting.

@@ -1,4 +1,4 @@
-//! Settings of a serial line, and the duration of transfers.
+//! Settings of a serial line, and the time that transfers take on this line.
 
 use std::fmt;
 use std::str::FromStr;
@@ -37,7 +37,7 @@ pub enum Parity {
 }
 
 impl Parity {
-    /// Value of `parity` in a profile.
+    /// Returns the word for this parity in a profile, for example `even`.
     pub fn word(self) -> &'static str {
         match self {
             Parity::None => "none",
@@ -51,7 +51,7 @@ impl FromStr for Parity {
     type Err = String;
 
     /// # Errors
-    /// A sentence with the allowed values.
+    /// The text is not a parity. The error lists the allowed values.
     fn from_str(text: &str) -> Result<Parity, String> {
         let known = [Parity::None, Parity::Even, Parity::Odd].into_iter().find(|known| known.word() == text);
         known.ok_or_else(|| format!("`{text}` is not a parity; allowed: none, even, odd"))

@@ -17,7 +17,7 @@ pub(super) fn resolve(raw: &RawSignal, at: &KeyContext<'_>, device: Option<&Devi
     }
     let place = at.key("register");
     let help = "write a zero-based protocol address (\"input:0\") or a Modicon number (\"30001\")";
-    place.missing("`register` is missing: where is the signal read?", help);
+    place.missing("`register` is missing: from which register is the signal read?", help);
     let cell = raw.register.as_ref().and_then(|text| register::cell(&place, text));
     // An error of the register must not hide other errors.
     let data_type = match cell {

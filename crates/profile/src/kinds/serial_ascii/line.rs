@@ -35,7 +35,7 @@ fn port(at: &KeyContext<'_>, port: Option<&String>) -> Option<String> {
     at.missing("`port` is missing: which serial port of this computer is the line?", help);
     let port = port?;
     if !port.starts_with('/') {
-        let help = format!("write the whole path, as \"/dev/{port}\" or one of /dev/serial/by-id");
+        let help = format!("write the whole path, as \"/dev/{port}\" or a path below /dev/serial/by-id");
         return at.reject(format!("`{port}` is not the path of a serial port"), help);
     }
     if ["/dev/ttyUSB", "/dev/ttyACM"].iter().any(|numbered| port.starts_with(numbered)) {
