@@ -267,7 +267,12 @@ fn what_a_dbc_file_does_not_have_is_reported_with_the_nearest_word() {
 #[test]
 fn the_units_and_scales_of_a_dbc_file_are_not_half_replaced() {
     let temp = "dbc    = \"Top.TL_Temp\"";
-    wrong(temp, &format!("{temp}\nunit = \"mm\""), "signal.wheelhead.unit", &["has this signal in \"degC\""]);
+    wrong(
+        temp,
+        &format!("{temp}\nunit = \"mm\""),
+        "signal.wheelhead.unit",
+        &["the unit \"degC\" for this signal"],
+    );
     wrong(temp, &format!("{temp}\nscale = 0.01"), "signal.wheelhead.scale", &["write `offset` as well"]);
     let own = format!("{temp}\nscale = 0.0078125\noffset = -16110.85\nunit = \"K\"");
     let loaded = lathe(&changed(temp, &own)).unwrap();

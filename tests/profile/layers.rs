@@ -125,9 +125,14 @@ fn a_layer_above_the_profile_tightens_a_guard_and_never_loosens_it() {
         ("axis.z.limit", "39.5", "40.5", "40.5 is more than the 40.0 of the profile"),
         ("axis.z.step", "1", "2", "2 is more than the 1.0 of the profile"),
         ("axis.z.rate", "0.5", "0.51", "0.51 is more than the 0.5 of the profile"),
-        ("axis.z.on_fault.after", "60s", "61s", "\"61s\" is not the \"60s\" of the profile"),
-        ("axis.z.on_fault.action", "ramp", "hold", "\"hold\" is not the \"ramp\" of the profile"),
-        ("axis.z.on_fault", "{ action = \"ramp\" }", "{ action = \"zero\" }", "\"zero\" is not the \"ramp\""),
+        ("axis.z.on_fault.after", "60s", "61s", "\"61s\" differs from \"60s\" in the profile"),
+        ("axis.z.on_fault.action", "ramp", "hold", "\"hold\" differs from \"ramp\" in the profile"),
+        (
+            "axis.z.on_fault",
+            "{ action = \"ramp\" }",
+            "{ action = \"zero\" }",
+            "\"zero\" differs from \"ramp\"",
+        ),
         ("machine.arm", "manual", "auto", "the profile has arm = \"manual\""),
     ] {
         let with = |value: &str, allow: &str| {

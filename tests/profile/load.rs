@@ -177,7 +177,7 @@ fn a_serial_line_that_cannot_keep_up_says_so_and_one_that_polls_too_much_says_th
     is_near(load.full_at_answer_ms.unwrap(), 8.177, "what the bytes leave");
     let reported = preview::warnings(&machine)[0].to_string();
     assert!(reported.contains("at 10 ms for a device to begin its answer"), "{reported}");
-    assert!(reported.contains("help: poll its devices less often"), "{reported}");
+    assert!(reported.contains("help: poll the devices of this line less often"), "{reported}");
 }
 
 #[test]

@@ -197,7 +197,10 @@ fn the_words_of_opc_ua_and_of_other_programs_are_answered_with_those_of_a_profil
     );
     let secured = "\"sign\"\ncert = \"own.der\"\nkey = \"own.pem\"\n";
     let said = parse(&SERVER.replacen("\"none\"\n", secured, 1)).unwrap_err().to_string();
-    assert!(said.contains("`isotherm opcua trust PROFILE` makes and fills the directory"), "{said}");
+    assert!(
+        said.contains("`isotherm opcua trust PROFILE` creates this directory with the certificates"),
+        "{said}"
+    );
 }
 
 #[test]

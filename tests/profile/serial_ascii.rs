@@ -140,7 +140,7 @@ fn a_wrong_text_is_reported_at_its_key() {
         "",
         "signal.bed.request",
         "\"#{unit}",
-        &["the address of `module`, but this device has no `unit`"],
+        &["the address of `module`, but the profile states no `unit` for it"],
     );
     no_text("unit = 0x1a", "unit = 1\nquirks = {}", "device.module.quirks", "quirks", &["sends text"]);
 }

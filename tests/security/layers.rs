@@ -23,7 +23,7 @@ fn a_limit_that_the_environment_makes_larger_keeps_the_gateway_from_starting_wit
     let profile = file(home.path(), "machine.toml", MACHINE);
     for (name, value, words) in [
         ("ISOTHERM__AXIS__Z__LIMIT", "5000", "5000 is more than the 40.0 of the profile"),
-        ("ISOTHERM__AXIS__Z__ON_FAULT__ACTION", "hold", "\"hold\" is not the \"ramp\" of the profile"),
+        ("ISOTHERM__AXIS__Z__ON_FAULT__ACTION", "hold", "\"hold\" differs from \"ramp\" in the profile"),
         ("ISOTHERM__AXIS__Z__LIMTI", "30", "did you mean `limit`?"),
         ("ISOTHERM__OUTPUT__CNC_Z__SCALE", "0.001", "allow_override = [\"output.cnc_z.scale\"]"),
         ("ISOTHERM__AXIS__Z__DIAMETER", "true", "allow_override = [\"axis.z.diameter\"]"),

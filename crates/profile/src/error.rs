@@ -216,7 +216,8 @@ pub fn allowed<'a>(word: &str, words: impl IntoIterator<Item = &'a str>) -> Stri
 /// Returns the allowed word that was probably meant. This is the nearest word, or else the shortest word that contains
 /// `word`. For example, `m7018` is part of the name of a template.
 pub fn nearest_or_longer<'a>(word: &str, words: &[&'a str]) -> Option<&'a str> {
-    /// Smallest number of characters for which longer words are searched. A shorter text is part of too many words.
+    /// Smallest length of `word`, in characters, for which words that contain it are searched. A shorter text is part
+    /// of too many words.
     const SHORTEST: usize = 3;
     let lower = word.to_lowercase();
     let contains = |known: &&&str| word.len() >= SHORTEST && known.to_lowercase().contains(&lower);

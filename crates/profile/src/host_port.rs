@@ -38,7 +38,7 @@ impl NoPlace {
         let meant = written(&self.meant(usual)?);
         Some(match self {
             NoPlace::PortTooLarge { .. } => {
-                format!("the port is above 65535: write one from 1 to 65535, as {meant}")
+                format!("the port is above 65535: write a port from 1 to 65535, as {meant}")
             }
             _ => format!("an IPv6 address needs brackets: write {meant}"),
         })

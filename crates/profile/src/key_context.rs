@@ -28,7 +28,8 @@ pub(crate) struct Names {
     places: HashMap<String, usize>,
 }
 
-/// Errors and warnings of a check in progress, the files that the check reads, and the signals that are used.
+/// Errors and warnings of a check in progress, the files that the check reads, and a record of the signals that the
+/// profile uses.
 pub(crate) struct Report<'a> {
     pub(crate) spans: &'a SourceMap,
     pub(crate) files: &'a Files<'a>,

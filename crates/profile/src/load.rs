@@ -54,7 +54,7 @@ pub(crate) type Pairs = [(String, String)];
 pub struct Loaded {
     /// The profile, ready for use.
     pub profile: Profile,
-    /// Warnings. They do not prevent the gateway from running.
+    /// Warnings about the profile. They do not prevent the gateway from running.
     pub warnings: Vec<ProfileError>,
     /// Files that were read, as the profile names them: layers, models, templates, certificates.
     pub files: Vec<String>,
@@ -234,9 +234,10 @@ const STANDARD_INPUT: [&str; 4] = ["-", "/dev/stdin", "/dev/fd/0", "/proc/self/f
 fn not_read(path: &Path, why: &std::io::Error) -> ProfileError {
     let name = path.display().to_string();
     let (message, help) = match () {
-        () if STANDARD_INPUT.contains(&name.as_str()) => {
-            ("a profile is not read from standard input", "write it to a file, and give the name of the file")
-        }
+        () if STANDARD_INPUT.contains(&name.as_str()) => (
+            "a profile is not read from standard input",
+            "write the profile to a file, and give the path of this file",
+        ),
         () if path.is_dir() => (
             "this is a directory, not a profile",
             "give the path of a profile in it, as DIRECTORY/my-machine.toml",
@@ -302,7 +303,9 @@ fn other_file(layers: &[(PathBuf, String)], errors: &Errors) -> Option<Errors> {
     let lacks_machine = errors.0.iter().any(|error| error.key == "machine");
     if let Some(stem) = name.strip_suffix(LOCAL).filter(|_| lacks_machine) {
         let message = "this is the local file of a profile, not the profile";
-        let help = format!("give the profile: {stem}.toml; the local file next to it is read with it");
+        let help = format!(
+            "give the profile: {stem}.toml; the gateway also reads the local file next to the profile"
+        );
         return Some(Errors(vec![ProfileError::about(path.display().to_string(), message, Some(help))]));
     }
     misplaced(path, FileKind::of(text.as_bytes()))

@@ -253,7 +253,7 @@ impl Guards<'_> {
                     Rule::Arrives => "and this key changes the data that the machine receives",
                     _ => "and only the profile may set the action on a fault",
                 };
-                let why = format!("{} is not the {} of the profile, {why}", short(value), short(own));
+                let why = format!("{} differs from {} in the profile, {why}", short(value), short(own));
                 self.refuse(guard, path, why, "remove this key here");
             }
             (None, _) => self.absent(rule, guard, path),

@@ -177,7 +177,7 @@ impl SchemaCheck<'_> {
     fn list(&mut self, schema: &Value, path: &str, at: usize, items: DeArray<'_>) -> Option<Value> {
         self.spans.forget_inside(path);
         if items.len() > MOST_ITEMS {
-            let message = format!("{} entries: at most {MOST_ITEMS} are allowed here", items.len());
+            let message = format!("the list has {} entries: at most {MOST_ITEMS} are allowed", items.len());
             self.error(at, path, message, None);
             return None;
         }

@@ -15,14 +15,14 @@ use crate::safe_file::LONGEST_QUOTE;
 struct Layer {
     /// Name of the layer in messages.
     name: String,
-    /// Text of a file, with the beginning of each line. The beginnings are stored because a large profile may have a
-    /// warning for every signal.
+    /// Text of a file, and the byte position at which each line begins. The positions are stored because a large
+    /// profile may have a warning for every signal.
     text: Option<(String, Vec<usize>)>,
 }
 
 impl Layer {
-    /// Returns line and column of a byte, counted from 1. Also returns an excerpt of the line, with the position of the
-    /// byte in it. `None` if the layer is not a file.
+    /// Returns line and column of a byte, counted from 1. Also returns an excerpt of the line, and the position of the
+    /// byte in this excerpt. `None` if the layer is not a file.
     fn locate(&self, byte: usize) -> Option<(usize, usize, (String, usize))> {
         let (text, lines) = self.text.as_ref()?;
         let byte = if text.is_char_boundary(byte) { byte } else { text.len() };

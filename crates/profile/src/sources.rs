@@ -83,8 +83,8 @@ pub struct Sources {
     /// Position in `file` after the last record.
     end: u64,
     layers: Layers,
-    /// States of the files, by name relative to the directory of the profile. Each has the position of the content in
-    /// `file`.
+    /// States of the files, by name relative to the directory of the profile. The number is the position of the file's
+    /// content in `file`.
     known: BTreeMap<String, (FileState, u64)>,
     /// First write error. [`Sources::finish`] returns this error, because the sources are then incomplete.
     failed: Option<Error>,

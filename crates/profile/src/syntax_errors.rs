@@ -1,5 +1,5 @@
-//! Filters the syntax errors of a TOML file. After a mistake, the parser may also report its consequences. These are
-//! left out, so that one mistake is one error.
+//! Filters the syntax errors of a TOML file. After a mistake, the parser may report further errors that only result
+//! from this mistake. These are left out, so that one mistake is one error.
 //!
 //! The messages of the parser do not explain characters that only look like TOML characters, or names in other scripts.
 //! The function `foreign` detects these characters.
@@ -8,7 +8,8 @@ use toml::de::Error;
 
 /// Parser message for a key or table that occurs twice.
 const TWICE: &str = "duplicate key";
-/// Parser messages for a list or inline table that is not closed. The parser takes everything after it as its content.
+/// Parser messages for a list or inline table that is not closed. The parser takes the rest of the file as content of
+/// this list or table.
 const UNCLOSED: [&str; 2] = ["unclosed array", "unclosed inline table"];
 /// Parts of the parser messages about the content of a list or inline table.
 const IN_BRACKETS: [&str; 4] = ["unclosed array", "array element", "in array", "inline table"];
@@ -30,8 +31,8 @@ pub(crate) struct SyntaxError<'p> {
     pub(crate) help: Option<&'static str>,
 }
 
-/// Returns the errors that do not result from others. These are the first error of each line, and the first error about
-/// a duplicate table or an unclosed list or inline table.
+/// Returns the errors that do not result from other errors. These are the first error of each line, and the first error
+/// about a duplicate table or an unclosed list or inline table.
 pub(crate) fn independent<'p>(text: &str, problems: &'p [Error]) -> Vec<SyntaxError<'p>> {
     let place = |problem: &Error| problem.span().map_or(0, |span| span.start);
     let mut found: Vec<(usize, &str)> =

@@ -113,5 +113,8 @@ fn a_dcon_module_is_read_by_its_address_with_and_without_a_checksum() {
     let rest = "[signal.s]\ndevice = \"d\"\nchannel = 0\n";
     let refused =
         on_text("template = \"icp-das-i7018-dcon\"\nvariant = \"checksum-off\"", rest).err().unwrap();
-    assert!(refused.to_string().contains("the address of `d`, but this device has no `unit`"), "{refused}");
+    assert!(
+        refused.to_string().contains("the address of `d`, but the profile states no `unit` for it"),
+        "{refused}"
+    );
 }

@@ -165,7 +165,7 @@ impl FileKind {
             }
             (FileKind::Profile, _) => "use this file as the profile: `isotherm check machine.toml`",
             (FileKind::Template, _) => {
-                "save it as devices/NAME.toml next to the profile, and write template = \"NAME\" at a device of \
+                "save this file as devices/NAME.toml next to the profile, and write template = \"NAME\" at a device of \
                  the profile"
             }
             (FileKind::Plant, _) => {
@@ -173,7 +173,7 @@ impl FileKind {
                  the same directory"
             }
             (FileKind::ModelBlock, _) => {
-                "insert its text into the profile of the machine, in the place of the tables \
+                "insert the text of this file into the profile of the machine, instead of the tables \
                  [[axis.….model]] of this axis"
             }
             (FileKind::FaultScript, _) => {
@@ -216,7 +216,9 @@ impl FileKind {
                 "this file must be TOML: write [machine] and name = \"press-7\" instead of `machine:` and \
                  `name: press-7`"
             }
-            (FileKind::Json, _) => "use this file at a model of the profile: file = \"model.json\"",
+            (FileKind::Json, _) => {
+                "if this file is a model, write file = \"model.json\" at this model in the profile"
+            }
             (FileKind::Workbook, _) => "a workbook can only contain a log: save its sheet as CSV",
             (FileKind::Compressed, _) => "decompress it with `gunzip`",
             (FileKind::Packed, _) => "decompress it",

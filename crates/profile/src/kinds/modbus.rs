@@ -66,7 +66,7 @@ pub(super) static KIND: BusKind = BusKind {
     ..BusKind::POLLED
 };
 
-/// Checks the unit identifier of a device against the kind of its line.
+/// Checks that the unit identifier of a device is allowed on a line of this kind.
 fn device(_: &Check<'_>, raw: &RawDevice, at: &KeyContext<'_>, line: Option<&Bus>) -> DeviceParts {
     // Lines with RTU or ASCII frames.
     let over_rtu = line.is_some_and(|line| line.transport != Transport::Tcp);
@@ -81,7 +81,7 @@ fn device(_: &Check<'_>, raw: &RawDevice, at: &KeyContext<'_>, line: Option<&Bus
         let message = if unit == 0 {
             "unit 0 addresses all devices of a serial line at once, and none of them answers".to_owned()
         } else {
-            format!("a serial line has no unit {unit}: 248 to 255 are reserved")
+            format!("unit {unit} is not possible on a serial line: 248 to 255 are reserved")
         };
         at.invalid(message, "write the address set at the device, 1 to 247");
     }

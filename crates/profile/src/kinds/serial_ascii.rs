@@ -100,7 +100,7 @@ fn needs_address(raw: &RawSignal, at: &KeyContext<'_>) {
     {
         let help = format!("write the address that is set at the device, as unit = 1 at device `{device}`");
         at.key(key).invalid(
-            format!("`{key}` contains the address of `{device}`, but this device has no `unit`"),
+            format!("`{key}` contains the address of `{device}`, but the profile states no `unit` for it"),
             help,
         );
     }

@@ -175,7 +175,7 @@ fn too_quick(check: &Check<'_>) {
         let at = check.at("bus").key(&bus.name).key("timeout");
         if bus.timeout < ONE_WIRE && at.is_written() {
             let message = format!("{takes}, but `timeout` is {}", shown(bus.timeout));
-            at.warn(message, "write \"2s\", or remove the key");
+            at.warn(message, "write timeout = \"2s\", or remove this key");
         } else if device.every < ONE_WIRE {
             let message = format!("{takes}, but is read every {}", shown(device.every));
             let help = "write every = \"1s\" or longer at this device. Give faster sensors another device \

@@ -88,7 +88,7 @@ pub fn warnings(profile: &Profile) -> Vec<ProfileError> {
     let full = loads.filter(|(load, _)| load.verdict == Verdict::Full);
     let warning = full.map(|(load, bus)| {
         let help = if load.polls_percent > load.writes_percent {
-            "poll its devices less often (`every`), or put some of them on another line"
+            "poll the devices of this line less often (`every`), or put some of the devices on another line"
         } else {
             "update the axes less often (`every`; `refresh` of their outputs), or put the outputs on \
              another line"
@@ -163,7 +163,9 @@ impl Load {
         let mut section = Section::default();
         section.line(format!("  {}; full {full}", self.asked_of_it()));
         if self.verdict == Verdict::Tight {
-            section.line("  note: there is little time left for lost answers; a longer `every` leaves more");
+            section.line(
+                "  note: there is little time left for lost answers; a longer `every` leaves more time",
+            );
         }
         entries!(section, exchanges_per_second = self.exchanges_per_second);
         entries!(section, polls_percent = self.polls_percent, writes_percent = self.writes_percent);

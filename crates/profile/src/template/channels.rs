@@ -14,7 +14,7 @@ pub(super) const OF_GROUP: [&str; 6] = ["name", "count", "from", "stride", "unve
 /// Member of a group of a template: a channel that is read, a target that is written, or a check.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Channel {
-    /// Name in the profile: "0", "cjc".
+    /// Name of the channel in a profile, for example "0" or "cjc".
     pub(super) name: String,
     /// Name of the group.
     pub(super) group: String,

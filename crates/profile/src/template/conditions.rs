@@ -36,7 +36,7 @@ impl Filling<'_> {
         out
     }
 
-    /// Returns the name of the signal that reads a channel. If the profile has none, adds a signal.
+    /// Returns the name of the signal that reads a channel. If no signal reads this channel, adds a signal.
     fn signal_of(&mut self, device: &str, channel: &Channel, at: &str) -> String {
         let signals = self.profile.get("signal").and_then(Value::as_object).into_iter().flatten();
         let reads = |signal: &Value| {

@@ -225,7 +225,11 @@ impl<'a> Filling<'a> {
                 let template = &self.templates[device].name;
                 let why = definition_text(&self.known[device], &channel.group).unwrap_or_default();
                 let message = format!("`{key}` is missing: template `{template}` does not set it");
-                let help = if why.is_empty() { "the device's manual says which".to_owned() } else { why };
+                let help = if why.is_empty() {
+                    "the device's manual states the value of this key".to_owned()
+                } else {
+                    why
+                };
                 self.errors.push(self.spans.at_key(&at, message, Some(help)));
                 self.spans.fill_in(&at, &child(&path, "channel"), "");
             }

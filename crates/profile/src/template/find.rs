@@ -38,7 +38,7 @@ pub(super) struct Definition {
     pub(super) heartbeat: Option<Value>,
     /// Path of the DBC file, relative to the profile.
     pub(super) dbc: Option<String>,
-    /// Settings of a CANopen node in the template. `None` if it has none.
+    /// Settings of a CANopen node in the template. `None` if the template has no such settings.
     pub(super) node: Option<Group>,
 }
 
@@ -63,8 +63,9 @@ pub(super) fn find(
     let plain = |byte: u8| byte.is_ascii_lowercase() || byte.is_ascii_digit() || byte == b'-';
     let file = format!("{DIRECTORY}/{name}.toml");
     let own = if name.bytes().all(plain) { files.text(&file) } else { Ok(None) };
-    let own =
-        own.map_err(|why| ("template", why, "does this user have permission to read it?".to_owned()))?;
+    let own = own.map_err(|why| {
+        ("template", why, "check that this user has permission to read the template".to_owned())
+    })?;
     let own_file = own.is_some().then(|| files.path(&file));
     let Some(text) = own.map(Arc::<str>::from).or_else(|| shipped::text(name).map(Arc::from)) else {
         let mut known: Vec<String> = shipped::names().map(str::to_owned).collect();

@@ -26,7 +26,7 @@ pub struct Outline {
     pub targets: Vec<OutlineTarget>,
     /// Names of the channels that are one bit, for example "on".
     pub bits: Vec<String>,
-    /// Variants, one of which must be chosen. Empty if there are none.
+    /// Variants, one of which must be chosen. Empty if the template has no variants.
     pub variants: Vec<String>,
     /// Whether the device needs a heartbeat. The template states the register of the heartbeat.
     pub has_heartbeat: bool,

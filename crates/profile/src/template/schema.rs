@@ -74,7 +74,7 @@ fn groups(mut keys: Map<String, Value>, what: &str) -> Value {
     let stride = "Distance between two members of the group, in registers, bits of a frame or subindexes. \
                   Default: the length of one value.";
     let own = [
-        ("name", text("Name of the members; `{n}` is the number. Default: the group's name.")),
+        ("name", text("Name of each member; `{n}` is the number of the member. Default: the group's name.")),
         ("count", whole("Number of members of the group. Default 1.")),
         ("from", whole("Number of the first member of the group. Default 0.")),
         ("stride", whole(stride)),

@@ -56,7 +56,7 @@ impl Template {
 /// Signal or output that takes its registers from a template.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Use {
-    /// Name in the profile.
+    /// Name of the signal or output in the profile.
     pub name: String,
     /// Name of the channel.
     pub channel: String,

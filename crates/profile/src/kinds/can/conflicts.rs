@@ -135,7 +135,7 @@ fn objects_written(check: &Check<'_>) {
         }
         let can = check.devices.get(output.device.0).and_then(|device| device.can.as_ref());
         if can.is_some_and(|can| can.setup.iter().any(|setup| setup.object.entry == entry)) {
-            let message = "`setup` of the device writes this object before each start";
+            let message = "`setup` of the device writes this object before each start of the node";
             at.invalid(
                 message,
                 "remove the object from `setup`: the value would jump at each restart of the node",
@@ -157,8 +157,8 @@ fn objects_written(check: &Check<'_>) {
 /// Description of the conflicting use of a CAN identifier, and a hint for the error.
 type Blame = (String, &'static str);
 
-/// Returns the standard use of an identifier if that use carries no values, such as SYNC or a heartbeat. `None` if the
-/// identifier may carry values.
+/// Returns the reserved use of an identifier that carries no values in CANopen, for example SYNC or a heartbeat. `None`
+/// if the identifier may carry values.
 fn taken(id: CanId, sync: Option<CanId>, nodes: &[Node], is_pdo: bool) -> Option<Blame> {
     const CORRECT: &str = "correct the identifier; process data is at 0x180 to 0x57F";
     if id.is_extended() {

@@ -22,7 +22,7 @@ pub(super) fn described(
         // Reported at the device, so that several signals give one error.
         let message =
             format!("device `{device}` has no DBC file, but signals of this device have the key `dbc`");
-        key.missing(message, "write dbc = \"….dbc\" at this device, a file next to the profile");
+        key.missing(message, "write dbc = \"….dbc\" at this device: the name of a file next to the profile");
         return None;
     };
     let dbc = read(check, &key, file)?;

@@ -24,7 +24,7 @@ pub(crate) struct RawPdo {
     /// reading, and 0x200 + node for writing.
     #[schemars(range(min = 1, max = 4))]
     number: Option<u8>,
-    /// First bit of the value, which is the least significant one: byte · 8 + bit.
+    /// Position of the first bit of the value, which is the least significant bit: byte · 8 + bit.
     #[schemars(required)]
     start: Option<u16>,
     /// Number of bits.

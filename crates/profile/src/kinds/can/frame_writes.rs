@@ -15,7 +15,7 @@ pub(crate) struct Written {
 }
 
 impl Written {
-    /// Creates the entry for an output that writes its value into a frame. `at` is the context of its key `pdo` or
+    /// Describes the value that an output writes into a frame. `at` is the context of the output's key `pdo` or
     /// `frame`.
     pub(super) fn of(
         at: &KeyContext<'_>,

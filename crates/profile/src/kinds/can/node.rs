@@ -48,7 +48,7 @@ pub(crate) struct RawEmergency {
     pub(super) means: Option<String>,
 }
 
-/// Settings of a device on a CAN line, in addition to those of every device.
+/// Settings that only a device on a CAN line has.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CanDevice {
     /// CANopen node number, 1 to 127. `None` if the device only sends frames.

@@ -94,7 +94,8 @@ fn convert(raw: &RawSignal, at: &KeyContext<'_>, found: &mut Described) -> Optio
                     "write unit = \"{}\", or the `scale` and `offset` that convert the raw count to \"{}\"",
                     unit.0, own.0
                 );
-                at.key("unit").invalid(format!("the DBC file has this signal in \"{}\"", unit.0), help);
+                at.key("unit")
+                    .invalid(format!("the DBC file states the unit \"{}\" for this signal", unit.0), help);
             }
             Some(*unit)
         }
@@ -107,7 +108,8 @@ fn convert(raw: &RawSignal, at: &KeyContext<'_>, found: &mut Described) -> Optio
                          convert the raw count to \"{}\"",
                         unit.0, own.0
                     );
-                    at.key("unit").invalid(format!("the DBC file has this signal in \"{written}\""), help);
+                    at.key("unit")
+                        .invalid(format!("the DBC file states the unit \"{written}\" for this signal"), help);
                 }
                 return None;
             }
@@ -122,14 +124,14 @@ fn convert(raw: &RawSignal, at: &KeyContext<'_>, found: &mut Described) -> Optio
             let is_number = |own: &Unit| matches!(own.0, "1" | "count" | "bool");
             if let Some(own) = own.filter(|own| !is_number(own) && !is_replaced) {
                 let help = format!(
-                    "if this means \"{}\", write scale = {} and offset = {}, as in the DBC file. If not, \
+                    "if this unit means \"{}\", write scale = {} and offset = {}, as in the DBC file. If not, \
                      write the `scale` and `offset` that convert the raw count",
                     own.0,
                     toml_number(found.scale),
                     toml_number(found.offset)
                 );
                 let message = format!(
-                    "the DBC file has this signal in \"{written}\", which is not a unit that isotherm supports"
+                    "isotherm does not support the unit \"{written}\", which the DBC file states for this signal"
                 );
                 at.key("unit").invalid(message, help);
             }

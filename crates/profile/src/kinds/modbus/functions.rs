@@ -5,8 +5,8 @@ use serde::Deserialize;
 
 use isotherm_core::codec::{Address, Table};
 
-/// Generates the types for function codes. Each line has the code, its word in a profile, and the field for its
-/// permission.
+/// Generates the types for function codes. Each line of the macro call has the code, its word in a profile, and the
+/// field for its permission.
 macro_rules! functions {
     ($($code:literal $word:ident $permission:ident),+) => {
         /// Function code, as the key `functions` of a device names it.

@@ -152,7 +152,7 @@ pub fn server_url(text: &str) -> Result<String, (String, String)> {
         return Err((format!("`{text}` is not the URL of an OPC UA server"), help));
     };
     if text.contains(char::is_whitespace) {
-        let help = format!("a URL has no spaces: write it as {example}");
+        let help = format!("a URL has no spaces: write this URL as {example}");
         return Err((format!("`{text}` contains a space"), help));
     }
     let (place, path) = rest.split_once('/').unwrap_or((rest, ""));

@@ -41,12 +41,12 @@ pub(super) fn resolve(raw: &RawBus, at: &KeyContext<'_>) -> Option<OpcUa> {
     Some(OpcUa { security, user: user?, own, trusted, trusted_in, type_at })
 }
 
-/// Reads the trusted certificates in the named directory. Warns if there are none.
+/// Reads the trusted certificates in the named directory. Warns if the directory contains no certificate.
 fn trusted(at: &KeyContext<'_>, directory: Option<&String>) -> Option<Vec<NamedFile>> {
     let at = at.key("trusted");
     let help = "write the path of a directory with the certificates of the trusted servers, one in each file, \
                 with the ending .der, .crt or .pem";
-    let fill = format!("{help}; `isotherm opcua trust PROFILE` makes and fills the directory");
+    let fill = format!("{help}; `isotherm opcua trust PROFILE` creates this directory with the certificates");
     at.missing("`trusted` is missing: which certificates are accepted?", fill);
     let directory = directory?;
     let found = NamedFile::read_all(&at, directory, help)?;
