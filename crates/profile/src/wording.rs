@@ -5,8 +5,8 @@ use std::time::Duration;
 
 /// Warning about a model that uses the temperatures at machine start, if no signal shows the start. The gateway then
 /// keeps the first good reading of its first run as the reference, also over restarts.
-pub const NO_MACHINE_START: &str = "The model counts from machine start, but no signal shows the start ([machine] on). Without such a signal, \
-     the gateway always uses the reference temperature of its first run.";
+pub const NO_MACHINE_START: &str = "The model counts from machine start, but no signal shows the start \
+     ([machine] on). Without such a signal, the gateway always uses the reference temperature of its first run.";
 
 /// Formats a count with its noun, which gets an "s" unless the count is one: `1 row`, `2 rows`.
 pub fn counted(count: impl Display, noun: &str) -> String {
