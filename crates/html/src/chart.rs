@@ -1,6 +1,7 @@
-//! Charts as inline SVG: black, grey, and two colours that also differ in brightness, for a grey print.
+//! Charts as inline SVG. They use black, grey, and two colours that differ in brightness, so that a print without
+//! colours is legible.
 //!
-//! Each chart is drawn for the width of a phone, so that its letters remain legible there.
+//! Each chart is drawn for the width of a phone, so that its text is legible on a phone.
 
 use maud::{Markup, PreEscaped, html};
 use plotters::coord::Shift;
@@ -54,7 +55,7 @@ struct Axes<'a> {
     unit: &'a str,
     /// Label below the horizontal axis; empty if the axis has none.
     across: &'a str,
-    /// Formats a number at the horizontal axis.
+    /// Formats a number as a label of the horizontal axis.
     written: &'a dyn Fn(&f64) -> String,
     /// Approximate number of labels on the horizontal and on the vertical axis.
     marks: (usize, usize),

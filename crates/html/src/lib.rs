@@ -36,7 +36,7 @@ pub fn page(title: &str, made: Moment, source: &str, content: &Markup) -> String
 }
 
 /// Formats a point in time in the notation of RFC 3339. Returns `None` if the time counts from the start of a log,
-/// because it is then no date.
+/// because such a time has no date.
 pub fn rfc3339(moment: Moment) -> Option<String> {
     stamp(moment).map(|stamp| stamp.to_string())
 }
@@ -46,7 +46,7 @@ fn stamp(moment: Moment) -> Option<jiff::Timestamp> {
     (moment.as_secs_f64() >= YEAR_2000_S).then_some(stamp)
 }
 
-/// Seconds from 1970 to the year 2000. An earlier time counts from the start of a log, and is no date.
+/// Seconds from 1970 to the year 2000. A smaller value is not a date, but a time since the start of a log.
 const YEAR_2000_S: f64 = 946_684_800.0;
 
 /// Formats date and time in UTC. Returns "–" if the time counts from the start of a log.
@@ -115,7 +115,7 @@ pub fn plain(value: f64) -> String {
     text.trim_end_matches('0').trim_end_matches('.').to_owned()
 }
 
-/// Formats a duration in hours and minutes, or in seconds below a minute.
+/// Formats a duration in hours and minutes. A duration below one minute is in seconds.
 pub fn duration(seconds: f64) -> String {
     #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a run's length in minutes")]
     let minutes = (seconds / 60.0).round().max(0.0) as u64;

@@ -1,5 +1,5 @@
-//! Blocks of a structure: parts that have one sensor each. They are made from node sets or cutting planes. The module
-//! also finds the nodes of each block that may carry its sensor.
+//! Blocks of a structure: parts of its finite-element mesh that have one temperature sensor each. They are made from
+//! node sets or cutting planes. The module also finds the nodes of each block that may carry its sensor.
 
 use std::collections::{BTreeMap, HashMap};
 use std::str::FromStr;
@@ -26,7 +26,7 @@ impl FromStr for Cut {
     fn from_str(text: &str) -> Result<Cut, String> {
         let (plane, of) = text.split_once(':').map_or((text, None), |(plane, of)| (plane, Some(of.trim())));
         let (axis, at) = axis_and_value(plane)
-            .ok_or_else(|| format!("`{text}` is no cut; write z=450, or x=0:BLK3 for one block only"))?;
+            .ok_or_else(|| format!("`{text}` is not a cut; write z=450, or x=0:BLK3 for one block only"))?;
         Ok(Cut { axis, at, of: of.filter(|of| !of.is_empty()).map(str::to_owned) })
     }
 }
@@ -50,8 +50,8 @@ pub struct Part {
 /// Name of the only block of a structure without sets.
 const WHOLE: &str = "BLK";
 
-/// Divides the mesh into parts: node sets with names that begin with `prefix`, then divided by the cuts. A structure
-/// without such sets is one part.
+/// Divides the mesh into parts. Each node set with a name that begins with `prefix` is one part; without such sets, the
+/// whole mesh is one part. The cuts then divide these parts.
 ///
 /// # Errors
 /// The mesh has no blocks, a cut divides no block, or a node is not in exactly one part. The messages contain the node
@@ -136,8 +136,8 @@ fn listed(mesh: &Mesh, nodes: &[usize]) -> String {
     format!("{} {word} ({}{more})", nodes.len(), shown.join(", "))
 }
 
-/// Applies a cut. Each intersected part becomes two: the name of the part below the plane gets an `a`, that of the
-/// other part a `b`.
+/// Applies a cut. Each intersected part becomes two: `a` is added to the name of the part below the plane, and `b` to
+/// the name of the part above the plane.
 ///
 /// # Errors
 /// The cut intersects no part, or names a block that does not exist.
@@ -148,7 +148,7 @@ pub fn divided(mesh: &Mesh, parts: &[Part], cut: &Cut) -> Result<Vec<Part>, Stri
     };
     let meant = |part: &Part| cut.of.as_ref().is_none_or(|of| came_from(&part.name, of));
     if !parts.iter().any(meant) {
-        return Err(format!("--cut {cut}: there is no such block; there are {}", names(parts)));
+        return Err(format!("--cut {cut}: this block does not exist; the blocks are {}", names(parts)));
     }
     let mut done = Vec::new();
     for part in parts {
@@ -187,8 +187,8 @@ pub(super) fn owners(mesh: &Mesh, parts: &[Part]) -> Vec<Option<usize>> {
 pub struct Reach {
     /// Minimum distance from the nodes of other blocks, mm.
     pub margin: f64,
-    /// Whether each node of the mesh may carry a sensor. Such a node is on the outer surface and in the named set, and
-    /// not on the guideway or foundation.
+    /// Whether each node of the mesh may carry a sensor. Such a node is on the outer surface and in the set of
+    /// `--candidates`, and not on the guideway or foundation.
     pub allowed: Vec<bool>,
 }
 
@@ -206,8 +206,8 @@ pub(super) struct Surveyed<'a> {
     reach: &'a Reach,
     /// Volume of each node, mm³.
     volumes: Vec<f64>,
-    /// Nodes of each grid cell, for the search of near nodes. The side of a cell is the margin. Without a margin, there
-    /// are no cells.
+    /// Nodes of each grid cell, for the search for near nodes. The side length of a cell is [`Reach::margin`]. Without
+    /// a margin, there are no cells.
     cells: Vec<Vec<usize>>,
     /// For each grid cell, its own index and the indices of the adjacent cells.
     around: Vec<Vec<usize>>,
@@ -241,7 +241,7 @@ impl<'a> Surveyed<'a> {
                     format!(
                         "no node of block {name} may carry a sensor: none is on the outer surface and in the \
                          set of --candidates. The guideway and the foundation carry no sensors. Add nodes of \
-                         the block to that set, or join the block to another one"
+                         the block to that set, or join the block to another block"
                     )
                 });
             }
@@ -274,8 +274,8 @@ impl<'a> Surveyed<'a> {
 }
 
 /// Returns the volume of each node, mm³. A corner of a linear tetrahedron gets a quarter of the volume of the
-/// tetrahedron. In a quadratic one, a corner gets 1/32, and a mid-edge node 7/48, as in its lumped masses (Hinton, Rock
-/// and Zienkiewicz 1976).
+/// tetrahedron. In a quadratic tetrahedron, a corner gets 1/32, and a mid-edge node 7/48. These are the ratios of the
+/// lumped masses (Hinton, Rock and Zienkiewicz 1976).
 fn volumes(mesh: &Mesh) -> Vec<f64> {
     let mut volumes = vec![0.0; mesh.nodes.len()];
     for element in &mesh.elements {

@@ -1,4 +1,4 @@
-//! Materials of a mesh, and the loads of one load case.
+//! Materials of a finite-element mesh, and the thermal loads of one load case.
 
 use crate::mesh::{Face, Mesh};
 
@@ -22,7 +22,7 @@ pub struct Material {
 /// Materials, and their assignment to the elements.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Materials {
-    /// Materials of all elements, each once.
+    /// Materials that the elements use. Each material occurs once.
     pub list: Vec<Material>,
     /// Index of the material of each element in `list`.
     pub of_element: Vec<usize>,
@@ -93,7 +93,8 @@ pub struct LoadCase {
     pub held: Vec<(usize, f64)>,
 }
 
-/// Callback with the name of the current work, the number of finished items, and their total number.
+/// Callback that reports progress. Its arguments are the name of the current work, the number of finished items, and
+/// the total number of items.
 pub type Progress<'a> = &'a dyn Fn(&str, usize, usize);
 
 /// Callback that does not report progress.

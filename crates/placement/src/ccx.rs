@@ -83,7 +83,7 @@ impl Ccx {
 
     /// Computes the displacements of the guideway nodes, mm: one list for each field of rises, with x, y and z of each
     /// node. A field in `rises` contains the rise of every node, K. A field that is 1 in one block and 0 elsewhere
-    /// gives a column of the matrix P.
+    /// gives a column of the matrix P (displacements per kelvin of each block).
     ///
     /// # Errors
     /// CalculiX is missing or failed.
@@ -121,8 +121,8 @@ impl Ccx {
         blocks.iter().map(|block| column(block).ok_or_else(lacks)).collect()
     }
 
-    /// Runs an FE input file. Returns for each printed block the `width` values of every node, or an empty list for a
-    /// node without values.
+    /// Runs CalculiX on the text of an FE input file. Returns one list for each printed table. This list contains for
+    /// each node of the mesh its `width` values, or an empty list if the table does not contain the node.
     fn run(&self, input: &str, mesh: &Mesh, width: usize) -> Result<Vec<Vec<Vec<f64>>>, CcxError> {
         let directory = ScratchDirectory::new()?;
         let path = directory.0.join("case.inp");
@@ -151,7 +151,8 @@ impl Ccx {
     }
 }
 
-/// Parses the printed blocks of values. Each block begins with a heading. Each further line has a node and its values.
+/// Parses the printed tables of values. Each table begins with a heading. Each further line of the table contains the
+/// number of a node and its values.
 fn blocks(printed: &str, mesh: &Mesh, width: usize) -> Vec<Vec<Vec<f64>>> {
     let mut blocks: Vec<Vec<Vec<f64>>> = Vec::new();
     for line in printed.lines().filter(|line| !line.trim().is_empty()) {

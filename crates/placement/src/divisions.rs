@@ -1,5 +1,6 @@
-//! Lower bound of the residual error for many divisions of a structure into blocks. With this bound, the module finds
-//! the best further cut, and the best two blocks to join.
+//! Lower bound of the residual error for many divisions of a structure into blocks. A block is a part with one
+//! temperature sensor. The residual error is the displacement of the guideway that the block temperatures do not
+//! predict. With the lower bound, the module finds the best further cut, and the best two blocks to join.
 
 use std::collections::BTreeSet;
 
@@ -36,7 +37,7 @@ struct Piece {
 /// Division into blocks after one change: a further cut, or two blocks joined.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Division {
-    /// Cut; `None` if two parts were joined.
+    /// Additional cut that gives this division; `None` if two parts were joined.
     pub cut: Option<Cut>,
     /// Parts (blocks) after the change.
     pub parts: Vec<Part>,
@@ -44,7 +45,7 @@ pub struct Division {
     pub floor_um: f64,
 }
 
-/// Number of equal intervals into which the planes divide a part along a direction.
+/// Number of equal intervals into which the tried cutting planes divide a block along a direction.
 const PLANES: usize = 9;
 
 impl<'a> Floors<'a> {
@@ -67,8 +68,8 @@ impl<'a> Floors<'a> {
         parts.iter().map(|part| self.piece(&part.nodes)).collect()
     }
 
-    /// Returns the lower bound of the residual error, µm RMS over guideway and load cases. The division consists of
-    /// `pieces` without the indices in `gone`, and of `made`.
+    /// Returns the lower bound of the residual error, µm RMS over guideway and load cases. The division consists of all
+    /// `pieces` except those at the indices `gone`, and of the new pieces `made`.
     fn floor(&self, pieces: &[Piece], gone: &[usize], made: &[Piece]) -> f64 {
         let kept =
             pieces.iter().enumerate().filter(|(place, _)| !gone.contains(place)).map(|(_, piece)| piece);

@@ -1,4 +1,5 @@
-//! Contribution of one tetrahedron: shape functions, their gradients and the integration points.
+//! Contribution of one tetrahedron to the equations of a finite-element mesh: shape functions, their gradients and the
+//! integration points.
 //!
 //! The integration rules are those of CalculiX: four points in a `C3D10` and one in a `C3D4`, three and one on their
 //! faces. CalculiX and isotherm therefore solve the same discrete problem, and their results agree to the last printed
@@ -23,8 +24,8 @@ pub(super) struct Point {
     pub(super) gradient: [[f64; 3]; 10],
 }
 
-/// Points in the reference tetrahedron or triangle, with their weights. The weights of a rule sum to its volume or
-/// area.
+/// Integration rule: points in the reference tetrahedron or triangle, with their weights. The sum of the weights is the
+/// volume or area of this reference shape.
 type Rule<const D: usize> = &'static [([f64; D], f64)];
 
 const NEAR: f64 = 0.138_196_601_125_010_5;
@@ -153,8 +154,8 @@ pub(super) fn worst_determinant(kind: Kind, xyz: &[[f64; 3]]) -> f64 {
     determinants.fold(f64::INFINITY, f64::min)
 }
 
-/// Returns the integration points of a face: the shape functions in the order of the face's nodes, and the area that
-/// the point represents, mm².
+/// Returns the integration points of a face. For each point: the values of the shape functions in the order of the
+/// face's nodes, and the area that the point represents, mm².
 pub(super) fn face_points(kind: Kind, xyz: &[[f64; 3]]) -> Vec<([f64; 10], f64)> {
     let point = |(at, weight): &([f64; 2], f64)| {
         let shape = Shape::at(kind, *at);

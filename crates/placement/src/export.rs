@@ -1,4 +1,5 @@
-//! Export for the gateway: the matrix P as a file for `kind = "matrix"`, and the model table of the profile.
+//! Export for the gateway: the matrix P as a file for `kind = "matrix"`, and the model table of the profile. P contains
+//! the displacement of the guideway for each block that is 1 K warmer.
 
 use std::str::FromStr;
 
@@ -12,7 +13,7 @@ use crate::study::Placement;
 /// not depend on its position.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Rider {
-    /// Name of the signal of its sensor.
+    /// Name of the signal that measures the temperature of this part.
     pub name: String,
     /// Displacement per kelvin along x, y and z, µm/K.
     pub moves: [f64; 3],
@@ -22,8 +23,9 @@ impl FromStr for Rider {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Rider, String> {
-        let wrong =
-            || format!("`{text}` is no rider; write its signal and µm per kelvin, for example head:z=-4.95");
+        let wrong = || {
+            format!("`{text}` is not a rider; write its signal and µm per kelvin, for example head:z=-4.95")
+        };
         let (name, rest) = text.split_once(':').filter(|(name, _)| !name.is_empty()).ok_or_else(wrong)?;
         let mut moves = [0.0; 3];
         for each in rest.split('/') {

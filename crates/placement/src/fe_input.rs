@@ -1,5 +1,6 @@
 //! FE input file: a mesh, its materials, and one heat-transfer load case. The format is the subset of Abaqus and
-//! CalculiX input that Gmsh and PrePoMax write.
+//! CalculiX input that Gmsh and PrePoMax write. A card is a line with a keyword such as `*NODE` and its parameters,
+//! together with the data lines below it.
 //!
 //! ```text
 //! foreign ── files in other formats, which are refused with the command that converts them

@@ -13,8 +13,8 @@ pub(super) struct Graph(Vec<Vec<usize>>);
 /// Number of nodes up to which a set is not divided further, because another cut would cost more than it saves.
 const LEAF: usize = 20;
 
-/// Weight of the unequal size of the two sides in the cost of a cut. The weight is low, because a small separator is
-/// more important than equal sides.
+/// Weight of the size difference between the two sides in the cost of a cut. The weight is low, because a small
+/// separator is more important than equal sides.
 const UNEVEN: f64 = 1.0;
 
 impl Graph {

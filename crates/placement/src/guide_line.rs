@@ -1,4 +1,5 @@
-//! The guideway as one line, on which the matrix P and displacements are averaged over the rails.
+//! The guideway as one line: displacements of its nodes, and the matrix P, are averaged over the rails. P contains the
+//! displacements for each block that is 1 K warmer.
 
 use crate::mesh::{count, range};
 
@@ -50,8 +51,8 @@ impl GuideLine {
         GuideLine { axis, rails: rails.len(), weights: weights.collect(), guide_mm }
     }
 
-    /// Returns the value of a quantity in one direction at each point. `values` has the rows 3·guide + component of the
-    /// guideway nodes.
+    /// Returns the mean of a quantity in one direction at each point of the line. `values` contains x, y and z of each
+    /// guideway node, one node after the other. `component` selects 0 x, 1 y or 2 z.
     #[must_use]
     pub fn mean(&self, values: &[f64], component: usize) -> Vec<f64> {
         let point = |weights: &Vec<(usize, f64)>| {

@@ -40,8 +40,8 @@ pub fn temperatures(
     reached(&Heat::of(mesh, materials, load)?, load, progress)
 }
 
-/// Calculates the rises for several load cases, in parallel. A load case with the mesh, the materials and the
-/// prescribed nodes of the first load case uses the same matrix.
+/// Calculates the temperature rises of several load cases, in parallel. A load case with the mesh, the materials and
+/// the prescribed nodes of the first load case uses the same matrix.
 pub fn temperatures_of_each(inputs: &[FeInput]) -> Vec<Result<Vec<f64>, HeatError>> {
     let first = inputs.first().map(|first| (first, Conducts::of(&first.mesh, &first.materials, &first.load)));
     let one = |input: &FeInput| {
@@ -193,9 +193,9 @@ impl Heat {
     }
 
     /// Returns the temperatures of all nodes, °C. They follow from the heat that enters, from the nodes of prescribed
-    /// temperature, and from `brought`. `brought` is the heat flow from the capacity into each free node, from the
-    /// previous step, mW. Nodes of prescribed temperature have this temperature from the start, and contribute no heat
-    /// from their initial temperature.
+    /// temperature, and from `brought`. `brought` returns the heat flow into each free node from the heat stored at the
+    /// end of the previous step, mW. Nodes of prescribed temperature have this temperature from the start, and
+    /// contribute no heat from their initial temperature.
     fn solve(&self, factor: &Factor<1>, brought: impl Fn(usize) -> f64) -> Vec<f64> {
         let mut side = Mat::from_fn(self.enters.len(), 1, |row, _| self.enters[row] + brought(row));
         for (row, node, value) in &self.to_held {
@@ -297,7 +297,8 @@ fn anchored(mesh: &Mesh, load: &LoadCase) -> Result<(), HeatError> {
     }
 }
 
-/// Returns the number of whole steps in a period. `steps` is the quotient, which may be slightly too small by rounding.
+/// Returns the number of whole steps in a period. `steps` is the period divided by the length of a step. It may be
+/// slightly too small by rounding.
 fn whole_steps(steps: f64) -> usize {
     #[allow(
         clippy::cast_possible_truncation,

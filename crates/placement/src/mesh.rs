@@ -137,7 +137,7 @@ impl Mesh {
         outer
     }
 
-    /// Returns a key that is the same for a face in both of its elements: its corners, ascending.
+    /// Returns a key that is the same for both elements that share this face: its corner nodes, ascending.
     #[must_use]
     pub fn face_key(&self, element: &Element, side: usize) -> [usize; 3] {
         let mut key = [0, 1, 2].map(|corner| element.nodes[FACES[side][corner]]);

@@ -24,7 +24,7 @@ pub struct Load {
     pub name: String,
     /// Temperature rise of each node of the mesh, K.
     pub rise: Vec<f64>,
-    /// Displacement δ1 of the guideway in the load case, mm. Rows: 3·guide + component.
+    /// Displacement δ1 of the guideway in the load case, mm: x, y and z of each guideway node.
     pub moved_mm: Vec<f64>,
 }
 
@@ -50,8 +50,8 @@ impl Load {
 pub struct Problem {
     /// Blocks of the structure, each with one temperature.
     pub blocks: Vec<Block>,
-    /// Matrix P in these directions, µm/K: displacement of the guideway if a block is 1 K warmer. The rows are guideway
-    /// nodes, one direction after the other; the columns are blocks.
+    /// Matrix P in the evaluated directions, µm/K: displacement of the guideway if a block is 1 K warmer. The rows are
+    /// guideway nodes, one direction after the other; the columns are blocks.
     pub matrix: DMatrix<f64>,
     /// P'P, µm²/K²; see [`Problem::matrix`].
     pub(super) square: DMatrix<f64>,
@@ -65,13 +65,13 @@ pub struct Problem {
 pub struct Target {
     /// Name of the load case.
     pub name: String,
-    /// Displacement δ1 of the guideway in these directions, µm.
+    /// Displacement δ1 of the guideway in the evaluated directions, µm.
     pub moved: DVector<f64>,
     /// P'δ1, µm²/K; see [`Problem::matrix`].
     pub(super) cross: DVector<f64>,
     /// δ1'δ1, µm².
     pub(super) power: f64,
-    /// For each block, the rises of its candidates in their order, K.
+    /// For each block, the temperature rises of its candidate nodes, K, in the order of [`Block::candidates`].
     pub offered: Vec<Vec<f64>>,
     /// For each block, the mean rise of its nodes, K.
     pub mean: Vec<f64>,
@@ -82,8 +82,8 @@ pub struct Target {
 pub(super) const UM_PER_MM: f64 = 1000.0;
 
 impl Problem {
-    /// Creates the problem from P and the load cases, in these directions (0 x, 1 y, 2 z). P has the rows 3·guide +
-    /// component, and one column per block, mm/K.
+    /// Creates the problem from P and the load cases, in these directions (0 x, 1 y, 2 z). P, mm/K, has three rows (x,
+    /// y, z) for each guideway node, and one column for each block.
     #[must_use]
     pub fn new(blocks: Vec<Block>, p: &[Vec<f64>], loads: &[Load], components: &[usize]) -> Problem {
         let rows = in_directions(p, components);
@@ -146,8 +146,8 @@ impl Problem {
     }
 }
 
-/// Selects the rows of these directions from a matrix with the rows 3·guide + component. The result has one direction
-/// after the other.
+/// Selects the rows of these directions from a matrix with three rows (x, y, z) for each guideway node. The result
+/// contains all nodes in the first direction, then all nodes in the next.
 pub(super) fn in_directions<'a, T>(rows: &'a [T], components: &[usize]) -> Vec<&'a T> {
     components.iter().flat_map(|component| rows.iter().skip(*component).step_by(3)).collect()
 }

@@ -61,7 +61,8 @@ pub struct Adjoint {
 }
 
 impl Adjoint {
-    /// Returns the sensitivity of one component of one guideway node (row 3·guide + component) to every node, mm/K.
+    /// Returns the sensitivity of one component of one guideway node (row 3·node + component) to every node of the
+    /// mesh, mm/K.
     #[must_use]
     pub fn row(&self, row: usize) -> &[f64] {
         &self.values[row * self.columns..(row + 1) * self.columns]
@@ -204,7 +205,10 @@ impl<'a> Structure<'a> {
 ///
 /// # Errors
 /// The body can move as a rigid body. The result of a single load case is an error if the load case has no solution.
-#[allow(clippy::type_complexity, reason = "the function returns two results, one of them per load case")]
+#[allow(
+    clippy::type_complexity,
+    reason = "the function returns the sensitivity, and one result for each load case"
+)]
 pub fn guideway_and_temperatures(
     inputs: &[FeInput],
     fixed: &[usize],

@@ -52,8 +52,8 @@ pub struct Study {
     pub mesh: Mesh,
     /// Indices of the guideway nodes.
     pub guide: Vec<usize>,
-    /// Matrix P, mm/K: displacement of the guideway if a block is 1 K warmer. Rows: 3·guide + component. Columns:
-    /// blocks.
+    /// Matrix P, mm/K: displacement of the guideway if a block is 1 K warmer. Three rows (x, y,
+    /// z) for each guideway node, and one column for each block.
     pub p: Vec<Vec<f64>>,
     /// Sensitivity of the guideway to every node; `None` if other divisions into blocks are not to be evaluated.
     pub adjoint: Option<Adjoint>,
@@ -125,7 +125,7 @@ pub struct CaseResult {
     /// Name of the load case.
     #[serde(skip)]
     pub name: String,
-    /// Displacement δ1 of the guideway in the case, mm. Rows: 3·guide + component.
+    /// Displacement δ1 of the guideway in the case, mm: x, y and z of each guideway node.
     pub delta1_mm: Vec<f64>,
     /// Largest displacement of a guideway node in an evaluated direction, µm.
     pub largest_um: f64,
@@ -146,15 +146,15 @@ pub struct CaseResult {
     pub left_out_rms_um: Option<f64>,
     /// Additional error if the sensors of the selected method are not exactly at their places, µm RMS.
     pub misplaced_um: f64,
-    /// Displacement that nodes at the centres of the blocks predict, mm, rows 3·guide + component.
+    /// Displacement that the temperatures at the centres of the blocks predict, mm: x, y and z of each guideway node.
     #[serde(skip)]
     pub naive_mm: Vec<f64>,
-    /// Displacement that the selected sensors predict, mm, rows 3·guide + component.
+    /// Displacement that the selected sensors predict, mm: x, y and z of each guideway node.
     #[serde(skip)]
     pub read_mm: Vec<f64>,
 }
 
-/// Sensors of a method for one case, evaluated on all cases.
+/// Sensors that a method has placed for one load case, with their error on every load case.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct CrossCase {
     /// Method that placed the sensors.
@@ -181,8 +181,8 @@ pub struct SensorCount {
 /// Places of the sensors, and residual errors.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Placement {
-    /// Matrix P, mm/K: displacement of the guideway if a block is 1 K warmer. Rows: 3·guide + component. Columns:
-    /// blocks.
+    /// Matrix P, mm/K: displacement of the guideway if a block is 1 K warmer. Three rows (x, y,
+    /// z) for each guideway node, and one column for each block.
     #[serde(rename = "P")]
     pub p: Vec<Vec<f64>>,
     /// Names of the blocks.
@@ -200,7 +200,7 @@ pub struct Placement {
     pub placed_by: Option<String>,
     /// Sensors of the selected method.
     pub sensors: Vec<Sensor>,
-    /// Nodes at the centres of the blocks, which `naive_centroid` uses.
+    /// Nodes at the centres of the blocks, which [`CaseResult::naive_centroid`] uses.
     pub centres: Vec<Sensor>,
     /// Results of each case.
     #[serde(serialize_with = "by_name")]

@@ -32,7 +32,7 @@ pub struct VisiblePoint {
     depth: f64,
     /// Corners of one triangle of the surface.
     pub corners: [usize; 3],
-    /// Weights of the corners; their sum is 1.
+    /// Weight of each corner for interpolation; the sum of the weights is 1.
     pub shares: [f64; 3],
 }
 
@@ -91,7 +91,7 @@ impl View {
         (self.axis == 2) != self.from_above
     }
 
-    /// Returns the visible point of a pixel; `None` outside the view, or where nothing is visible.
+    /// Returns the visible point of a pixel; `None` if the pixel is outside the view or shows no surface.
     #[must_use]
     pub fn at(&self, right: usize, up: usize) -> Option<&VisiblePoint> {
         if right >= self.size[0] || up >= self.size[1] {
@@ -104,7 +104,7 @@ impl View {
         if self.from_above { xyz[self.axis] } else { -xyz[self.axis] }
     }
 
-    /// Returns whether no part of the structure hides this point in the view, with a tolerance of two pixels.
+    /// Returns whether this point is visible in the view (not hidden by the structure), with a tolerance of two pixels.
     #[must_use]
     pub fn sees(&self, xyz: &[f64; 3]) -> bool {
         let [right, up] = self.place(xyz);

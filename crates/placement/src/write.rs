@@ -5,7 +5,7 @@ use std::fmt::Write as _;
 use crate::body::{Case, Flux, LoadCase, Materials};
 use crate::mesh::{Kind, Mesh};
 
-/// Number of values in one line of a set.
+/// Number of node or element numbers in one text line of a set.
 const IN_LINE: usize = 10;
 
 /// Returns the text of nodes, elements and sets, which FE input files include.
@@ -48,7 +48,8 @@ pub(super) fn nodes(text: &mut String, name: &str, mesh: &Mesh, nodes: impl Iter
     set(text, &format!("*NSET, NSET={name}"), nodes.map(|node| mesh.nodes[node].0));
 }
 
-/// Formats a number for CalculiX, which reads twenty characters of a field and ignores the rest with the exponent.
+/// Formats a number for CalculiX, which reads only the first twenty characters. A longer number would lose its
+/// exponent.
 pub(super) fn number(value: f64) -> String {
     let whole = value.to_string();
     if whole.len() <= 20 { whole } else { format!("{value:.12e}") }

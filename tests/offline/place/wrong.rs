@@ -40,10 +40,10 @@ fn a_structure_that_nothing_fixes_is_reported_with_both_ways_to_fix_it() {
 #[test]
 fn a_cut_that_is_none_is_reported_with_what_would_be_one() {
     let home = home();
-    refused(home.path(), &["air.inp", "--cut", "height=3"], &["is no cut", "z=450"]);
-    refused(home.path(), &["air.inp", "--cut", "y=3,5"], &["is no cut"]);
+    refused(home.path(), &["air.inp", "--cut", "height=3"], &["is not a cut", "z=450"]);
+    refused(home.path(), &["air.inp", "--cut", "y=3,5"], &["is not a cut"]);
     refused(home.path(), &["air.inp", "--cut", "y=9000"], &["divides no block", "from 0 to 1500 mm"]);
-    refused(home.path(), &["air.inp", "--cut", "y=700:BLK9"], &["no such block", "BLK1, BLK2"]);
+    refused(home.path(), &["air.inp", "--cut", "y=700:BLK9"], &["this block does not exist", "BLK1, BLK2"]);
 }
 
 #[test]
@@ -137,8 +137,8 @@ fn a_mesh_of_another_format_is_named_with_its_command() {
 #[test]
 fn a_rider_and_a_plant_that_are_none_are_reported() {
     let home = home();
-    refused(home.path(), &["air.inp", "--rider", "head"], &["`head` is no rider", "head:z=-4.95"]);
-    refused(home.path(), &["air.inp", "--rider", "head:w=1"], &["is no rider"]);
+    refused(home.path(), &["air.inp", "--rider", "head"], &["`head` is not a rider", "head:z=-4.95"]);
+    refused(home.path(), &["air.inp", "--rider", "head:w=1"], &["is not a rider"]);
     refused(home.path(), &["air.inp", "--plant", "air.inp"], &["--modes"]);
     refused(home.path(), &["--example", "there", "air.inp"], &["--example"]);
     file(home.path(), "motor.inp", "*HEADING\nmine\n");

@@ -13,7 +13,8 @@ pub struct Bar {
     pub name: String,
     /// Length of the bar, in the unit of the chart; a negative bar points to the left.
     pub value: f64,
-    /// Uncertainty of `value`: half the length of the whisker at the end of the bar. With 0, no whisker is drawn.
+    /// Uncertainty of `value`. A whisker (error bar) from `value - doubt` to `value + doubt` shows it. With 0, no
+    /// whisker is drawn.
     pub doubt: f64,
     /// Length of a second bar, drawn as an outline around this bar; `None` if there is no second bar.
     pub outline: Option<f64>,

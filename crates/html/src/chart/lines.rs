@@ -1,4 +1,4 @@
-//! Charts with lines over hours or over a position, a curve over a count, and a scatter plot.
+//! Line charts over the time in hours or over a position, a curve over the index of its values, and a scatter plot.
 
 use maud::Markup;
 use plotters::prelude::*;
@@ -20,12 +20,12 @@ pub enum LineStyle {
     Points,
 }
 
-/// Line of a chart, over hours or over a position.
+/// Line of a chart. The horizontal axis of the chart is the time in hours, or a position.
 #[derive(Clone, Debug)]
 pub struct Line {
     /// Style in which the line is drawn.
     pub style: LineStyle,
-    /// Points of the line: the hour or the position, and the value.
+    /// Points of the line: horizontal coordinate (time in hours, or position), and value.
     pub points: Vec<(f64, f64)>,
 }
 
@@ -55,8 +55,8 @@ impl Line {
     }
 }
 
-/// Draws lines over hours in a chart of `width` × `height` pixels. `within` is the value range, for charts with the
-/// same scale. With `None`, the values determine the range.
+/// Draws lines over the time in hours, in a chart of `width` × `height` pixels. `within` is the range of the vertical
+/// axis; charts with the same range can be compared. With `None`, the values determine the range.
 pub fn lines(
     width: u32,
     height: u32,

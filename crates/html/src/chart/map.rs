@@ -1,4 +1,5 @@
-//! Chart of a correlation matrix. A darker cell is a stronger correlation; a minus marks a negative one.
+//! Chart of a correlation matrix. A darker cell means a stronger correlation, and a minus sign means a negative
+//! correlation.
 
 use maud::Markup;
 use plotters::prelude::*;
@@ -40,8 +41,8 @@ pub fn map(says: &str, names: &[&str], values: &[Vec<f64>]) -> Markup {
     })
 }
 
-/// Returns the background of a cell, from white to dark blue with the strength of the correlation, and the colour of
-/// its text.
+/// Returns the background colour and the text colour of a cell. The stronger the correlation, the darker the
+/// background, from white to dark blue.
 fn tones(strength: f64) -> (RGBColor, RGBColor) {
     // The cube keeps strong correlations distinguishable.
     let share = strength.clamp(0.0, 1.0).powi(3);

@@ -1,7 +1,9 @@
-//! Parts and instances of Abaqus files: their cards are converted to those of a file without parts.
+//! Conversion of an Abaqus file with a part and its instance to the cards of a file without parts. A card is a line
+//! with a keyword such as `*NODE`, together with the data lines below it.
 //!
-//! One instance is supported. Several instances would need a joint other than common nodes. A name of the part keeps
-//! its form, unless the assembly has the same name. Then the name of the part is `INSTANCE.NAME`.
+//! One instance is supported. Several instances would need a joint other than common nodes. A name that the part
+//! defines does not change, unless the assembly defines the same name. In that case, the name of the part becomes
+//! `INSTANCE.NAME`.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::rc::Rc;
@@ -11,7 +13,7 @@ use super::position::{Position, Turn};
 use super::{Fault, Faults};
 use crate::element::{dot, minus};
 
-/// Block of the file to which a card belongs.
+/// Block (section) of the file to which a card belongs.
 #[derive(Debug, Clone, PartialEq, Eq)]
 enum Block {
     /// Outside of all blocks.
@@ -19,7 +21,7 @@ enum Block {
     /// Part with this name.
     Part(String),
     Assembly,
-    /// Instance of a part: the last one in the list of instances.
+    /// Instance of a part: the last instance in the list of instances.
     Instance,
 }
 
@@ -134,7 +136,9 @@ fn position(card: &Card) -> Result<Position, Fault> {
         let along = minus(end, origin);
         let length = dot(along, along).sqrt();
         if length <= 0.0 {
-            return Err(line.fault("the two points of the axis are the same: write two points"));
+            return Err(
+                line.fault("the two points of the axis of rotation are the same: write two different points")
+            );
         }
         let axis = along.map(|part| part / length);
         let angle = line.number(6, "angle in degrees")?.to_radians();
@@ -157,7 +161,7 @@ fn next(card: &Card, open: &Block, blocks: &mut Blocks, faults: &mut Faults) -> 
             card.only("", faults);
             let name = named("NAME")?;
             if blocks.parts.insert(name.clone(), Vec::new()).is_some() {
-                return Err(card.fault(format!("part {name} is defined already: remove one of them")));
+                return Err(card.fault(format!("part {name} is defined already: remove one of the two definitions")));
             }
             Ok(Block::Part(name))
         }
@@ -192,7 +196,7 @@ fn next(card: &Card, open: &Block, blocks: &mut Blocks, faults: &mut Faults) -> 
 }
 
 /// Joins the cards of the instance with the cards outside of it. A name that both define gets the prefix `INSTANCE.` in
-/// the cards of the part. References to the instance then use the joined names.
+/// the cards of the part. References to these names are changed accordingly.
 fn with_common_names(
     mut own: Vec<Card>,
     mut others: Vec<Card>,
@@ -226,7 +230,9 @@ fn with_common_names(
         match card.take("INSTANCE") {
             Some(of) if of == instance => card.rename_values(renamed),
             Some(of) => {
-                faults.push(card.fault(format!("instance {of} is not defined (there is {instance})")));
+                faults.push(
+                    card.fault(format!("instance {of} is not defined (the only instance is {instance})")),
+                );
             }
             None => {}
         }

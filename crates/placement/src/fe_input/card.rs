@@ -1,4 +1,5 @@
-//! Cards of the files: keyword, parameters and data lines, each with its location.
+//! Cards of FE input files. A card is a line with a keyword such as `*NODE` and its parameters, together with the data
+//! lines below it. Each card and each data line has its location for error messages.
 
 use std::collections::HashMap;
 use std::fs::File;
@@ -35,7 +36,7 @@ impl Location {
 #[derive(Debug)]
 pub(super) struct Line {
     pub(super) at: Location,
-    /// Text without commas at its end, and without quotation marks.
+    /// Text of the data line, without commas at its end and without quotation marks.
     text: String,
 }
 
@@ -186,7 +187,7 @@ impl Card {
     }
 }
 
-/// Maximum depth of included files. A greater depth is a circular include.
+/// Maximum depth of included files. A greater depth is treated as a circular include.
 const DEEPEST: usize = 8;
 /// Maximum number of times that a file is read. Repeated includes could otherwise grow without limit.
 const MOST_TIMES: usize = 2;
@@ -216,7 +217,7 @@ impl Gathering<'_> {
         let found = std::fs::metadata(path).map_err(unreadable)?;
         // A pipe may have no writer, and a device has no end.
         if !found.is_file() {
-            return Err(format!("{} is no regular file: name a file", path.display()));
+            return Err(format!("{} is not a regular file: write the path of a file", path.display()));
         }
         let times = self.taken.entry((found.dev(), found.ino())).or_default();
         *times += 1;
@@ -300,11 +301,11 @@ impl Gathering<'_> {
     }
 }
 
-/// Message about a text that is no FE input file.
-pub(super) const WITHOUT_CARDS: &str = "no line begins with a card such as *NODE, so this is no FE input file. Export the mesh as \
-                                        Abaqus input (.inp) from the program that made it";
+/// Message about a file that is not an FE input file, because it contains no cards.
+pub(super) const WITHOUT_CARDS: &str = "no line begins with a card such as *NODE, so this is not an FE input file. Export the mesh \
+                                        as Abaqus input (.inp) from the program that made it";
 
-/// Keyword of an artificial card at the end of an included file.
+/// Keyword of a card that the reader adds at the end of each included file. A data line after this card is an error.
 pub(super) const INCLUDED: &str = "INCLUDED";
 
 /// Adds a data line to the last card, without quotation marks.
@@ -314,7 +315,9 @@ fn data(text: &str, mut at: Location, cards: &mut [Card]) -> Result<(), Fault> {
         .ok_or_else(|| at.fault("this line is before the first card: write the card above this line"))?;
     at.card = Rc::clone(&card.at.card);
     if card.key == INCLUDED {
-        return Err(at.fault("this data line follows an *INCLUDE: write the card of the line again above it"));
+        return Err(
+            at.fault("this data line follows an *INCLUDE: write the card of this line again above the line")
+        );
     }
     // Abaqus writes names with blanks in quotation marks.
     let text = text.trim_end_matches(|last: char| last == ',' || last.is_whitespace()).replace('"', "");

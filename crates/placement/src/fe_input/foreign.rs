@@ -1,4 +1,5 @@
-//! Files that are no FE input: mesh formats, results and archives, with the command that converts each of them.
+//! Recognition of files that are not FE input files: other mesh formats, results and archives. The error message
+//! contains the command that converts such a file.
 
 use std::iter;
 use std::path::{Path, PathBuf};
@@ -22,8 +23,8 @@ type Known = (&'static str, Remedy);
 /// Number of bytes at the start of a file by which its format is recognised.
 const HEAD: usize = 64 * 1024;
 
-/// Returns the reason for rejecting a file that is no FE input, with the command that converts it. Returns `None` if
-/// the file can be an FE input file.
+/// Returns the reason for rejecting a file that is not an FE input file, with the command that converts it. Returns
+/// `None` if the file can be an FE input file.
 pub(super) fn refusal(path: &Path, bytes: &[u8]) -> Option<String> {
     let extension = path.extension().unwrap_or_default().to_string_lossy().to_lowercase();
     let (kind, remedy) = recognised(&extension, &bytes[..bytes.len().min(HEAD)])?;
@@ -62,7 +63,7 @@ fn argument(path: &Path) -> String {
     if text.chars().all(is_plain) { text } else { format!("\"{text}\"") }
 }
 
-/// Recognises a format by the first bytes of the file, and by its extension if the bytes do not decide.
+/// Recognises a format by the first bytes of the file. If these bytes are not sufficient, the file extension decides.
 fn recognised(extension: &str, head: &[u8]) -> Option<Known> {
     if let Some(known) = binary(extension, head) {
         return Some(known);
@@ -105,7 +106,7 @@ fn binary(extension: &str, head: &[u8]) -> Option<Known> {
         return Some(match extension {
             "fcstd" => ("a FreeCAD document", Remedy::By(free_cad)),
             "3mf" => ("a surface", MESH_CAD),
-            _ => ("a ZIP archive", Remedy::By("unpack it, and name the .inp file in it")),
+            _ => ("a ZIP archive", Remedy::By("unpack the archive, and use the .inp file in it")),
         });
     }
     if is(b"\x89HDF\r\n\x1a\n") {
@@ -146,7 +147,7 @@ fn of_text(first: &str, second: &str, text: &str) -> Option<Known> {
         }
         () if is_universal => ("an I-DEAS universal file (.unv)", Remedy::Gmsh),
         () if first.starts_with("    1C") => {
-            ("a result file of CalculiX (.frd)", Remedy::By("name the .inp file from which it was computed"))
+            ("a result file of CalculiX (.frd)", Remedy::By("use the .inp file from which it was computed"))
         }
         () if line(&["BEGIN BULK", "BEGIN,BULK", "GRID ", "GRID,", "GRID*", "CTETRA"]) => {
             ("a Nastran file", Remedy::Gmsh)
@@ -191,7 +192,7 @@ fn by_extension(extension: &str, text: &str) -> Option<Known> {
         "inp" | "avs" | "ucd" if is_ucd() => ("an AVS-UCD mesh", Remedy::Meshio("avsucd")),
         "odb" => (
             "a result file of Abaqus (.odb)",
-            Remedy::By("name the .inp file of the job (Abaqus/CAE: Job, Write Input)"),
+            Remedy::By("use the .inp file of the job (Abaqus/CAE: Job, Write Input)"),
         ),
         "cae" => (
             "a model file of Abaqus/CAE",

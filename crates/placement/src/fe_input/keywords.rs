@@ -1,4 +1,5 @@
-//! Known keywords, the order in which their cards are read, and the reasons for rejecting others.
+//! Known keywords of FE input files, the order in which their cards are read, and the reasons for rejecting other
+//! keywords. A card is a line with a keyword such as `*NODE`, together with the data lines below it.
 
 use std::path::Path;
 
@@ -6,7 +7,8 @@ use super::card::{Card, INCLUDED, plain};
 use super::reader::Reader;
 use super::{Fault, Faults, FeInput, assembly, load, material, mesh};
 
-/// Stage in which a card is read, after all cards that it may refer to. Cards of one stage are read in their order.
+/// Stage in which a card is read. All cards that it may refer to are in earlier stages. Cards of one stage are read in
+/// the order of the file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 enum Stage {
     Nodes,
@@ -17,7 +19,7 @@ enum Stage {
     Sections,
     Boundary,
     Step,
-    /// Read at any place: cards for other programs, which have no effect here.
+    /// Cards for other programs, which have no effect here. They are allowed at any place of the file.
     Anywhere,
 }
 
@@ -183,14 +185,15 @@ fn known<'a>(cards: &'a [Card], faults: &mut Faults) -> Vec<(Stage, &'a Card, Re
     known
 }
 
-/// Returns whether the card begins a calculation over time. In a steady state, only the full loads count.
+/// Returns whether the card begins a calculation over time (transient). In a steady state, the growth of the loads
+/// during the step has no effect.
 fn is_transient(card: &Card) -> bool {
     let begins = ["HEATTRANSFER", "COUPLEDTEMPERATURE-DISPLACEMENT", "UNCOUPLEDTEMPERATURE-DISPLACEMENT"];
     begins.contains(&card.key.as_str()) && !card.has("STEADYSTATE")
 }
 
-/// Returns whether the card only removes the loads of an earlier step, of which there is none. PrePoMax writes such
-/// cards.
+/// Returns whether the card only removes the loads of an earlier step. Such a card has no effect, because a file has
+/// one step only. PrePoMax writes such cards.
 fn removes_loads(card: &Card) -> bool {
     let is_load = ["CLOAD", "DLOAD", "DSLOAD", "RADIATE", "SRADIATE"].contains(&card.key.as_str());
     is_load && card.lines.is_empty() && card.value("OP").is_some_and(|op| op == "NEW")
@@ -200,7 +203,7 @@ fn removes_loads(card: &Card) -> bool {
 const REFUSED: [(&str, &str); 12] = [
     (
         "RADIATE",
-        "radiation is not linear; add it to the film coefficient: *FILM with 4·ε·σ·T³ more, about 0.005 \
+        "radiation is not linear; include it in the film coefficient: add 4·ε·σ·T³ to that of *FILM, about 0.005 \
          mW/(mm²·K) at room temperature",
     ),
     (
@@ -221,7 +224,7 @@ const REFUSED: [(&str, &str); 12] = [
     ),
     (
         "SRADIATE",
-        "radiation is not linear; add it to the film coefficient: *SFILM with 4·ε·σ·T³ more, about 0.005 \
+        "radiation is not linear; include it in the film coefficient: add 4·ε·σ·T³ to that of *SFILM, about 0.005 \
          mW/(mm²·K) at room temperature",
     ),
     (

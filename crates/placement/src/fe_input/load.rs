@@ -13,7 +13,7 @@ use crate::body::{Case, Film, Flux, LoadCase};
 /// temperatures.
 pub(super) fn heat_transfer(reader: &mut Reader, card: &Card) -> Result<(), Fault> {
     if reader.case.is_some() {
-        return Err(card.fault("the step has this card already: remove one of them"));
+        return Err(card.fault("the step has this card already: remove one of the two cards"));
     }
     if card.value("END").is_some_and(|end| end == "SS") {
         return Err(card.fault(
@@ -25,7 +25,7 @@ pub(super) fn heat_transfer(reader: &mut Reader, card: &Card) -> Result<(), Faul
     reader.case = Some(*case.as_ref().unwrap_or(&Case::Steady));
     if let Some(solver) = card.value("SOLVER").filter(|solver| solver != "SPOOLES") {
         return Err(card.fault(format!(
-            "SOLVER={solver}: the file cannot choose the solver, because this one is not available \
+            "SOLVER={solver}: the file cannot choose the solver, because this solver is not available \
              everywhere: leave SOLVER out"
         )));
     }
@@ -59,7 +59,7 @@ fn transient(card: &Card) -> Result<Case, Fault> {
     Ok(Case::Transient { step, period })
 }
 
-/// Reads every line of a load card with `read`. Fails if no `*HEAT TRANSFER` precedes the card.
+/// Reads every data line of a load card with the function `read`. Fails if no `*HEAT TRANSFER` precedes the card.
 fn loads(
     reader: &mut Reader,
     card: &Card,
@@ -140,7 +140,7 @@ pub(super) fn nodal(reader: &mut Reader, card: &Card) -> Result<(), Fault> {
     })
 }
 
-/// Effect of a line of `*BOUNDARY`.
+/// Effect of one data line of `*BOUNDARY`.
 enum Held {
     /// Directions 1 to 3 that are fixed.
     Directions(std::ops::RangeInclusive<usize>),

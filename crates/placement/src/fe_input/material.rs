@@ -13,7 +13,7 @@ pub(super) struct Draft {
     at: Location,
     /// Values by the names of the properties, for example [`YOUNG`].
     properties: BTreeMap<&'static str, f64>,
-    /// Whether a card of the material is wrong. Missing properties are then not reported too.
+    /// Whether a card of the material is wrong. Missing properties of this material are then not reported in addition.
     is_spoiled: bool,
 }
 
@@ -41,9 +41,10 @@ pub(super) fn material(reader: &mut Reader, card: &Card) -> Result<(), Fault> {
     let name = card.value("NAME").filter(|name| !name.is_empty());
     let name = name.ok_or_else(|| card.fault("the card names no material: write NAME="))?;
     if let Some(known) = reader.materials.iter().find(|known| known.name == name) {
-        return Err(
-            card.fault(format!("{name} is defined already in line {}: remove one of them", known.at.line))
-        );
+        return Err(card.fault(format!(
+            "{name} is defined already in line {}: remove one of the two definitions",
+            known.at.line
+        )));
     }
     let (at, properties) = (card.at.clone(), BTreeMap::new());
     reader.materials.push(Draft { name, at, properties, is_spoiled: false });
@@ -57,7 +58,9 @@ pub(super) fn property(reader: &mut Reader, card: &Card) -> Result<(), Fault> {
     for (name, value) in values? {
         if material.properties.insert(name, value).is_some() {
             material.is_spoiled = true;
-            return Err(card.fault(format!("{} has this card already: remove one of them", material.name)));
+            return Err(
+                card.fault(format!("{} has this card already: remove one of the two cards", material.name))
+            );
         }
     }
     Ok(())
@@ -130,11 +133,9 @@ pub(super) fn section(reader: &mut Reader, card: &Card) -> Result<(), Fault> {
     for element in reader.elements(&set, &card.at) {
         if reader.of_element[element].replace(number).is_some_and(|other| other != number) {
             let id = reader.mesh.elements[element].id;
-            reader.faults.push(
-                card.fault(format!(
-                    "element {id} has another material already: take it out of one of the sets"
-                )),
-            );
+            reader.faults.push(card.fault(format!(
+                "element {id} has another material already: take the element out of one of the sets"
+            )));
         }
     }
     Ok(())

@@ -1,4 +1,4 @@
-//! Nodes, elements, sets and surfaces.
+//! Reader functions of the cards that define nodes, elements, sets and surfaces.
 
 use super::Fault;
 use super::card::{Card, Line, Location, quoted};
@@ -65,8 +65,8 @@ pub(super) fn elements(reader: &mut Reader, card: &Card) -> Result<(), Fault> {
     Ok(())
 }
 
-/// Returns the numbers of each element of a card: the number of the element, and then those of its nodes. The data of
-/// an element may continue over several lines.
+/// Returns for each element of a card the number of the element, followed by the numbers of its nodes. The data of an
+/// element may continue over several lines.
 fn listed(card: &Card, name: &str, nodes: usize) -> Result<Vec<(Vec<u32>, Location)>, Fault> {
     let mut listed: Vec<(Vec<u32>, Location)> = Vec::new();
     for line in &card.lines {
@@ -134,7 +134,7 @@ fn named(card: &Card, parameter: &str) -> Result<Option<String>, Fault> {
         return Err(card.fault(format!("the name of the set is longer than {LONGEST} characters: {name}")));
     }
     if name.parse::<u32>().is_ok() {
-        return Err(card.fault(format!("a set cannot be named by a number alone: {name}")));
+        return Err(card.fault(format!("a set name must not be only a number: {name}")));
     }
     Ok(Some(name))
 }
@@ -183,11 +183,11 @@ pub(super) fn set(reader: &mut Reader, card: &Card) -> Result<(), Fault> {
             } else if text.is_empty() {
                 reader
                     .faults
-                    .push(line.fault("the number or name of a member is missing between two commas"));
+                    .push(line.fault("the number or name of a set member is missing between two commas"));
             } else {
                 reader.missed(
                     &line.at,
-                    format!("`{}` is no number, and no {what} set above has this name", quoted(text)),
+                    format!("`{}` is not a number, and no {what} set above has this name", quoted(text)),
                 );
             }
         }
@@ -231,7 +231,7 @@ pub(super) fn surface(reader: &mut Reader, card: &Card) -> Result<(), Fault> {
     Ok(())
 }
 
-/// Parses a side of a tetrahedron from the second value of a line: `F1` to `F4` or `S1` to `S4`. Returns the side
+/// Parses a side of a tetrahedron from the second value of a data line: `F1` to `F4` or `S1` to `S4`. Returns the side
 /// counted from 0.
 pub(super) fn side(line: &Line, letter: &str) -> Result<usize, Fault> {
     let text = line.text(1).to_uppercase();

@@ -18,7 +18,7 @@ pub(super) struct Reader {
     pub(super) is_spoiled: bool,
     /// Numbers of the nodes in no element, ascending. They are not in the mesh.
     free: Vec<u32>,
-    /// Nodes in the order of the file.
+    /// Number, coordinates (mm) and location of each node, in the order of the file.
     pub(super) nodes: Vec<(u32, [f64; 3], Location)>,
     pub(super) mesh: Mesh,
     /// Indices of the elements by their numbers.
@@ -31,21 +31,21 @@ pub(super) struct Reader {
     outline_numbers: HashMap<u32, usize>,
     /// Sets that `*NODE` (true) or `*ELEMENT` (false) defines: name, and numbers of the members.
     pub(super) named: Vec<(bool, String, Vec<u32>)>,
-    /// Outer faces by their corners.
+    /// Outer faces, by their three corner nodes.
     outer: HashMap<[usize; 3], Face>,
     /// Outer faces by the name of their surface.
     pub(super) surfaces: BTreeMap<String, Vec<Face>>,
     pub(super) materials: Vec<Draft>,
     /// Index of the material of each element.
     pub(super) of_element: Vec<Option<usize>>,
-    /// Members of the sets of nodes (`true`) or elements that several cards define. A file may have a card for each
-    /// member.
+    /// Members of the node sets (`true`) and element sets (`false`) that several cards define together. A file may have
+    /// one card for each member.
     continued: HashMap<(bool, String), HashSet<usize>>,
     /// Initial temperature of each node, °C; `None` if the file has not set one.
     pub(super) initial: Vec<Option<f64>>,
     /// Scale of the initial temperatures; `None` before the first of them.
     pub(super) scale: Option<Scale>,
-    /// First `*BOUNDARY` without `OP=NEW`.
+    /// Location of the first `*BOUNDARY` without `OP=NEW`.
     pub(super) kept_boundary: Option<Location>,
     /// Fixed directions of nodes, with the location of the line.
     pub(super) supports: BTreeMap<usize, ([bool; 3], Location)>,
@@ -57,12 +57,12 @@ pub(super) struct Reader {
     pub(super) fluxes: Vec<Flux>,
     pub(super) nodal: Vec<(usize, f64)>,
     pub(super) names: SurfaceNames,
-    /// Loads that may be defined only once, and the line that defined each of them.
+    /// Loads that may be defined only once, each with the number of the line that defines it.
     once: HashMap<(u8, usize, usize), usize>,
 }
 
 impl Reader {
-    /// Reads every line of a card. An error in one line does not prevent reading the others.
+    /// Reads every data line of a card. After an error in one line, the other lines are still read.
     pub(super) fn each(
         &mut self,
         card: &Card,
@@ -141,7 +141,7 @@ impl Reader {
     /// `what` describes it in the message.
     pub(super) fn once(&mut self, line: &Line, key: (u8, usize, usize), what: impl Fn() -> String) {
         let Some(first) = self.once.insert(key, line.at.line) else { return };
-        let end = format!(" already (line {first}); remove one of them");
+        let end = format!(" already (line {first}); remove one of the two");
         let fault = line.fault(format!("{}{end}", what()));
         // A line for a set repeats the load of each member.
         let is_repeated = self.faults.described.last().is_some_and(|last| {
@@ -173,8 +173,8 @@ impl Reader {
         self.numbers.get(&id).copied().or_else(outline)
     }
 
-    /// Returns the numbers and indices of the existing nodes or elements in a range with this step, ascending. The
-    /// duration does not depend on the size of the range.
+    /// Returns the numbers and indices of the existing nodes or elements in a range of numbers with this step,
+    /// ascending. The run time does not depend on the size of the range.
     pub(super) fn members_between(
         &self,
         of_nodes: bool,
@@ -249,7 +249,8 @@ impl Reader {
         self.free.binary_search(&id).is_ok()
     }
 
-    /// Returns whether this is the number of a node in no element, or the name of a set of such nodes only.
+    /// Returns whether `name` is the number of a node that is in no element, or the name of a set that contains only
+    /// such nodes.
     pub(super) fn is_without_elements(&self, name: &str) -> bool {
         match name.parse() {
             Ok(id) => self.is_free(id),
@@ -257,7 +258,7 @@ impl Reader {
         }
     }
 
-    /// Returns the numbers of the nodes in no element between two numbers with this step, ascending.
+    /// Returns the numbers of the nodes that are in no element, within a range of numbers with this step, ascending.
     pub(super) fn free_between(&self, first: u32, last: u32, by: u32) -> impl Iterator<Item = u32> {
         let is_meant = move |id: &u32| (first..=last).contains(id) && (id - first).is_multiple_of(by);
         self.free.iter().copied().filter(is_meant)
@@ -304,7 +305,7 @@ impl Reader {
         }
     }
 
-    /// Adds errors for faces of more than two elements, and for neighbours of different kinds.
+    /// Adds an error for each face that more than two elements share, and for adjacent elements of different kinds.
     pub(super) fn check_mesh(&mut self) {
         if self.is_spoiled {
             return;
@@ -319,7 +320,8 @@ impl Reader {
                 let (id, other) = (element.id, first.id);
                 let wrong = if *times > 2 {
                     format!(
-                        "element {id} has a face that {other} and another element have already: parts of the mesh overlap"
+                        "element {id} has a face that element {other} and a third element have too: \
+                         parts of the mesh overlap"
                     )
                 } else if first.kind != element.kind {
                     let (kind, other_kind) = (element.kind.name(), first.kind.name());

@@ -52,8 +52,8 @@ pub(super) fn initial(scale: &mut Option<Scale>, line: &Line, place: usize) -> R
     of_load(*scale, line, place, name)
 }
 
-/// Parses the temperature of a load from the value at index `place`, and returns it in °C. `scale` is that of the
-/// initial temperatures. It is `None` if the file has none, which is another error.
+/// Parses the temperature of a load from the value at index `place`, and returns it in °C. `scale` is the scale of the
+/// initial temperatures. It is `None` if the file has no initial temperatures, which is reported as a separate error.
 pub(super) fn of_load(scale: Option<Scale>, line: &Line, place: usize, name: &str) -> Result<f64, Fault> {
     let temperature = line.number(place, name)?;
     let scale = match (scale, Scale::of(temperature)) {

@@ -221,7 +221,7 @@ fn what_is_wrong_is_said_with_line_card_and_remedy() {
         (
             "*DFLUX",
             "1, F1, 26, 0.1\n*DFLUX",
-            "side F1 of element 1 has a film already (line 29); remove one of them",
+            "side F1 of element 1 has a film already (line 29); remove one of the two",
         ),
         ("BODY, S2", "TOP, S, 1\nBODY, S2", "*DFLUX: surface set TOP is not defined (there is none)"),
         (

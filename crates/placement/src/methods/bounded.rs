@@ -46,8 +46,8 @@ pub(crate) fn least_squares(square: &DMatrix<f64>, cross: &DVector<f64>, bounds:
     theta.as_slice().to_vec()
 }
 
-/// Solves for the free variables. If variables would leave their bounds, the first one is fixed at its bound, and the
-/// rest is solved again. Returns `false` if no variable changes.
+/// Solves for the free variables. If variables would leave their bounds, the first of these variables is fixed at its
+/// bound, and the other variables are solved again. Returns `false` if no variable changes.
 fn settle(
     square: &DMatrix<f64>,
     cross: &DVector<f64>,
@@ -96,7 +96,7 @@ fn settle(
     (&*theta - before).amax() > 0.0
 }
 
-/// Returns the solution for the free variables with all others fixed; `None` if the system is singular.
+/// Returns the solution for the free variables, with all other variables fixed; `None` if the system is singular.
 fn solved(
     square: &DMatrix<f64>,
     cross: &DVector<f64>,

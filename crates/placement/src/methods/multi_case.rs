@@ -40,7 +40,8 @@ impl Effort {
     pub const SHORT: Effort = Effort { starts: 2, changes: 150_000 };
 }
 
-/// Fraction of the sensor noise that remains in an average over one minute. The unavoidable error includes its effect.
+/// Fraction of the sensor noise that remains in an average over one minute. The unavoidable error includes the effect
+/// of this remaining noise.
 const LEFT_OF_NOISE: f64 = 0.3;
 
 /// Errors that are negligible, and end the calculation of a method.
@@ -98,14 +99,14 @@ impl<'a> Alone<'a> {
 struct Search<'a> {
     problem: &'a Problem,
     cases: &'a [Alone<'a>],
-    /// Weights of all cases.
+    /// Weights of all load cases, 1/µm².
     weights: Vec<f64>,
     /// For each block, the temperature rises of its candidate nodes, K: all load cases of the first candidate, then of
     /// the next.
     offered: Vec<Vec<f64>>,
 }
 
-/// State of the search.
+/// State of the search: the selected nodes, the error of each load case, and its derivatives.
 struct SearchState {
     places: Vec<usize>,
     /// Squared error of each case, µm².
@@ -234,8 +235,8 @@ impl<'a> Search<'a> {
         self.settle(self.stand(best.1))
     }
 
-    /// Moves the sensor of each block in turn to its best node, until no change helps. Returns the cost and the
-    /// candidates.
+    /// Moves the sensor of each block in turn to its best node, until no change helps. Returns the cost, and the index
+    /// of the selected candidate of each block.
     fn settle(&self, mut at: SearchState) -> (f64, Vec<usize>) {
         loop {
             let before = at.cost;

@@ -43,8 +43,9 @@ pub fn patterns(blocks: &[Block]) -> Vec<Pattern> {
     found
 }
 
-/// Returns the low, middle and high blocks along a direction, as name, warmed blocks and direction; empty if the blocks
-/// hardly differ in it.
+/// Returns five patterns along a direction: the blocks of the low half, the high half, the low end, the high end, and
+/// the middle. Each pattern has its name, its warmed blocks and the direction. The result is empty if all blocks have
+/// nearly the same position in this direction.
 fn along(blocks: &[Block], axis: usize) -> Vec<(String, Vec<bool>, usize)> {
     let extents = [0, 1, 2].map(|axis| range(blocks.iter().map(|block| block.centre[axis])));
     let length = extents.iter().map(|(low, high)| high - low).fold(0.0, f64::max);

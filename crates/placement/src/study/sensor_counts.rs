@@ -1,4 +1,4 @@
-//! Evaluation of other divisions into blocks than the requested one: the best additional cut, and fewer or more
+//! Evaluation of other divisions into blocks than the requested division: the best additional cut, and fewer or more
 //! sensors.
 
 use rayon::prelude::*;
@@ -12,7 +12,7 @@ use crate::problem::Problem;
 /// Maximum number of further cuts. Each adds a block and a sensor.
 const MORE: usize = 4;
 
-/// Results of other divisions.
+/// Results for other divisions into blocks than the requested division.
 #[derive(Default)]
 pub(super) struct Divisions {
     best_cut: Option<(String, f64)>,

@@ -49,7 +49,7 @@ fn every_other_format_is_named_with_the_command_that_converts_it() {
         ("a.cdb", b"/COM,ANSYS\n/PREP7\n", "an Ansys file", "pyvista.save_meshio".to_owned()),
         ("a.k", b"*KEYWORD\n*NODE\n", "an LS-DYNA file", "`gmsh mesh.bdf -save".to_owned()),
         ("a.stl", b"solid x\nfacet normal 0 0 1\n", "an STL surface", "gmsh -3 part.step".to_owned()),
-        ("a.frd", b"    1C\n    1UUSER\n", "a result file of CalculiX", "name the .inp file".to_owned()),
+        ("a.frd", b"    1C\n    1UUSER\n", "a result file of CalculiX", "use the .inp file".to_owned()),
         ("a.FCStd", b"PK\x03\x04\0\0", "a FreeCAD document", "Write .inp file".to_owned()),
         ("a.inp", b"\xff\xfe*\0N\0", "UTF-16 text", "save it as UTF-8".to_owned()),
         ("a.inp.gz", b"\x1f\x8b\x08\0", "compressed by gzip", "gunzip".to_owned()),
