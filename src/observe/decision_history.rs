@@ -1,5 +1,6 @@
-//! Reader of the decision logs, for charts and downloads of the web page. The reader works in the background, and
-//! limits memory and time even if the logs are large.
+//! Reader of the decision logs, for charts and downloads of the web page. A decision log has one row for each step of
+//! the axes, with the values of the signals and axes. The reader works in the background, and limits memory and time
+//! even if the logs are large.
 //!
 //! A chart divides the time range into as many intervals as it has points. It shows the smallest and the largest value
 //! of each interval, so that no peak is lost. A download contains the original rows.
@@ -79,8 +80,8 @@ impl Distances {
         self.0[power as usize] += 1;
     }
 
-    /// Returns the time between two log rows above which there is a gap, in nanoseconds. Nine in ten times are at most
-    /// a quarter of it.
+    /// Returns the maximum time between two log rows without a gap between them, in nanoseconds. Nine in ten of the
+    /// measured times are at most a quarter of this maximum.
     fn gap(&self) -> u64 {
         let most = self.0.iter().sum::<u64>() * 9 / 10;
         let mut seen = 0;

@@ -39,7 +39,7 @@ const GAUGES: [(&str, &str); 36] = [
     ("isotherm_probe_worse", "1 while probings show that the model is worse than no compensation."),
     ("isotherm_probe_gain_change", "Relative change of a gain by measured errors."),
     ("isotherm_axis_limit_meters", "Limit of the compensation: its largest permitted absolute value."),
-    ("isotherm_axis_warned", "1 while the compensation lies beyond its warning level."),
+    ("isotherm_axis_warned", "1 while the absolute compensation is above its warning level."),
     ("isotherm_axis_tripped", "1 when a model has requested more than the error level since arming."),
     (
         "isotherm_axis_extrapolating",
@@ -61,7 +61,7 @@ const GAUGES: [(&str, &str); 36] = [
     ("isotherm_output_value", "Last verified value of the output, in the unit of its label."),
     (
         "isotherm_output_late_write_wait_seconds",
-        "Longest remaining wait of a change for a write that may arrive late.",
+        "Longest time until the gateway changes the register: an earlier write may still arrive.",
     ),
     ("isotherm_output_verified", "1 when the last write was read back as written."),
     ("isotherm_output_state", "1 for the state the output is in, 0 for the others."),
@@ -323,7 +323,7 @@ fn write_lock(text: &mut String, status: &Status) {
     head(
         text,
         NAME,
-        "Time for which the shared state of the lines was locked; one lock of seventeen is measured.",
+        "Time for which the state that the bus lines share was locked; one lock of seventeen is measured.",
         "histogram",
     );
     let named = labels(&status.machine, &[]);

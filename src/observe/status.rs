@@ -345,10 +345,10 @@ pub struct AxisStatus {
     /// Cz that the model requests, µm.
     pub raw_um: Option<f64>,
     /// Expected residual error if the axis follows its model: one standard deviation, µm. `None` if the profile does
-    /// not contain it, and outside the range on which the model was identified.
+    /// not contain it, or if the inputs are outside the range on which the model was identified.
     pub expected_um: Option<f64>,
-    /// Number of probings by which the expected error is scaled, at most 24. 0 if it only follows from the
-    /// identification.
+    /// Number of probings that have scaled the expected error, at most 24. 0 if only the identification determines the
+    /// expected error.
     pub expected_touches: u32,
     /// Cz after the limits of the axis (limit, deadband, step, rate, rounding), µm. It is the target of the register.
     pub cz_um: f64,
@@ -364,7 +364,7 @@ pub struct AxisStatus {
     pub warn_um: Option<f64>,
     /// Whether |Cz| is above the warning level.
     pub warned: bool,
-    /// Error level of the Cz that a model requests, µm; `None` if the profile has none.
+    /// Error level of the Cz that a model requests, µm; `None` if the profile has no error level.
     pub error_um: Option<f64>,
     /// Whether a model has requested more than the error level since the axis was armed.
     pub tripped: bool,
@@ -382,7 +382,7 @@ pub struct AxisStatus {
     pub probe: Option<ProbeStatus>,
     /// Learned model, and its candidate; `None` if the axis does not learn.
     pub learned: Option<LearnedStatus>,
-    /// Position of the inputs outside the range on which the model in use was identified; `None` inside.
+    /// Details if the inputs are outside the range on which the model in use was identified; `None` if they are inside.
     pub extrapolating: Option<ExtrapolationStatus>,
     /// Distance from the range on which the model was identified, as a share of its size: above 0 outside, negative
     /// inside. `None` if the model has no such range.
@@ -436,7 +436,7 @@ pub struct WaitingStatus {
     pub expires_s: f64,
 }
 
-/// Position of a model's inputs outside the range on which the model was identified.
+/// Inputs of a model that are outside the range on which the model was identified: how far, and the effect on Cz.
 #[derive(Clone, Debug, JsonSchema, Serialize)]
 pub struct ExtrapolationStatus {
     /// Mahalanobis distance of all inputs together from the center of the range; `None` beyond the end of a guideway.
@@ -451,7 +451,7 @@ pub struct ExtrapolationStatus {
     pub outside: &'static str,
     /// Factor by which the model's Cz is multiplied.
     pub gain: f64,
-    /// Difference between the Cz of the two models whose mean is used, µm; `None` if it has no effect.
+    /// Difference between the Cz of the two models whose mean is used, µm; `None` if this difference has no effect.
     pub apart_um: Option<f64>,
     /// Description of the extrapolation, for display.
     pub text: String,
@@ -487,7 +487,7 @@ pub struct SignalStatus {
     pub quality: &'static str,
     /// Reason of the quality, for display.
     pub reason: String,
-    /// Hint at the end of `reason`; `None` if it has none.
+    /// Hint at the end of `reason`; `None` if there is no hint.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub hint: Option<String>,
     /// Place where the operator corrects the cause; `None` if the value may be used.
@@ -502,7 +502,7 @@ pub struct SignalStatus {
 pub struct BusStatus {
     /// Name of the bus in the profile.
     pub name: String,
-    /// Host and port, or the serial port or interface.
+    /// Host and port of a network bus, name of a serial port, or name of a CAN interface.
     pub address: String,
     /// Whether the bus has a connection.
     pub connected: bool,
@@ -525,16 +525,17 @@ pub struct DeviceStatus {
     pub label: String,
     /// Name of the bus in the profile.
     pub bus: String,
-    /// Modbus unit, or CANopen node.
+    /// Modbus unit identifier, or CANopen node identifier.
     pub unit: u8,
-    /// Unit or node as text after the name: ` (unit 3)`, ` (node 5)`. Empty for a device that only sends CAN frames.
+    /// Modbus unit or CANopen node, as text after the name: ` (unit 3)`, ` (node 5)`. Empty for a device that only
+    /// sends CAN frames.
     #[serde(skip)]
     pub at: String,
     /// State: `ok`, `never-answered` or `lost`.
     pub state: &'static str,
     /// Fault, for display; empty if there is none.
     pub fault: String,
-    /// Hint at the end of `fault`; `None` if it has none.
+    /// Hint at the end of `fault`; `None` if there is no hint.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub hint: Option<String>,
     /// Number of requests since the start.
@@ -558,7 +559,8 @@ pub struct OutputStatus {
     pub writes: &'static str,
     /// State: `off`, `unknown`, `verified`, `unverified`, `interlocked` or `foreign`.
     pub state: &'static str,
-    /// Condition for which the handshake of the output waits, or its last failure; empty if there is neither.
+    /// Condition for which the handshake of the output waits, or last failure of the handshake. Empty if it does not
+    /// wait and has not failed.
     pub handshake: String,
     /// Last verified value, in the output's unit (µm or µm/mm for an offset or slope, mm for a position).
     pub value: Option<f64>,
@@ -570,7 +572,8 @@ pub struct OutputStatus {
     /// Note on the value: it waits for a late write, or the device acknowledges it without read-back. Empty without a
     /// note.
     pub note: String,
-    /// Maximum remaining time, in seconds, for which a change waits for a late write.
+    /// Maximum time, in seconds, until the gateway changes the register: it waits for an earlier write that may arrive
+    /// late.
     pub waits_s: Option<f64>,
     /// Number of verified writes.
     pub writes_done: u64,

@@ -15,7 +15,7 @@ use isotherm_profile::Overridden;
 
 /// Maximum number of devices on a page.
 const DEVICES: usize = 50;
-/// Maximum number of axes in the same state that every page contains. The web page names one less.
+/// Maximum number of axes in the same state that every page contains. The web page names one axis less.
 const MOST_OF_A_KIND: usize = 5;
 /// Maximum number of alarms on a page. If a network switch fails, each device of a large machine may have alarms.
 const ALARMS: usize = 100;
@@ -69,9 +69,9 @@ struct WholeMachine<'s> {
     axes: Vec<&'s AxisStatus>,
     /// First output to which another program has written; empty if there is none.
     outputs: Vec<&'s OutputStatus>,
-    /// Number of devices that are not `ok`.
+    /// Number of devices in another state than `ok`.
     lost: usize,
-    /// Number of signals that are not `good`.
+    /// Number of signals with another quality than `good`.
     bad: usize,
     /// Number of all alarms. The page contains only the most urgent alarms.
     alarm_count: usize,

@@ -178,7 +178,7 @@ async fn a_measured_error_reaches_the_gateway_and_what_is_none_is_refused_in_wor
         assert_eq!((reply.code, reply.body.contains("error_um")), (400, true), "{body}: {}", reply.body);
     }
     let strange = door.send("POST", "/api/axes/q/measured", &[], r#"{"error_um":1}"#).await;
-    assert_eq!((strange.code, strange.body.as_str()), (404, "There is no axis q; there are z.\n"));
+    assert_eq!((strange.code, strange.body.as_str()), (404, "There is no axis q; the axes are z.\n"));
     assert_eq!(door.send("POST", path, &[], &"x".repeat(2000)).await.code, 413);
     assert_eq!(door.get(path).await.code, 405);
     assert_eq!(door.measured().len(), 4);
@@ -247,7 +247,7 @@ async fn a_span_that_is_none_is_refused_in_words() {
     for (query, word) in [
         ("from=yesterday", "from: `yesterday` is no time"),
         ("from=1h&to=2h", "ends before it begins"),
-        ("columns=t9", "no column t9; there are z_cz_um, z_raw_um, t1"),
+        ("columns=t9", "no column t9; the columns are z_cz_um, z_raw_um, t1"),
         ("columns=", "no column ;"),
         ("points=1", "2 to 4000"),
         ("points=9999999", "2 to 4000"),

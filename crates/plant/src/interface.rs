@@ -86,13 +86,13 @@ pub trait Publisher: Send {
     }
 
     /// Returns the number of the last will, which the gateway stores before it sends a CONNECT packet. A Sparkplug node
-    /// has such a number, the death number (bdSeq). Returns `None` if the format has none.
+    /// has such a number, the death number (bdSeq). Returns `None` if the format has no such number.
     fn number_to_keep(&self) -> Option<u8> {
         None
     }
 
-    /// Returns the number in the last CONNECT packet that was sent. Returns `None` if none was ever sent, or the format
-    /// has no such number.
+    /// Returns the number of the last will (see [`Publisher::number_to_keep`]) in the last CONNECT packet that was
+    /// sent. Returns `None` if no packet was ever sent, or the format has no such number.
     fn number_sent(&self) -> Option<u8> {
         None
     }

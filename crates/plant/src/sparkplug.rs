@@ -151,7 +151,7 @@ impl Sparkplug {
         Sparkplug { host: Some(HostWatch::at(state_topic)), ..self }
     }
 
-    /// Returns the death number (bdSeq) of the last will and its births.
+    /// Returns the death number (bdSeq) of the last will message and of the birth messages of its connection.
     pub fn bd_seq(&self) -> u8 {
         self.death_number.current()
     }
@@ -161,8 +161,8 @@ impl Sparkplug {
         LostValues { unconfirmed_records: self.unconfirmed.dropped(), ..self.left_out }
     }
 
-    /// Makes the birth message. The result also contains data messages with the events that waited for it, and with
-    /// `events`.
+    /// Makes the birth message, followed by data messages. The data messages contain the events that waited for the
+    /// birth, and `events`.
     fn birth(&mut self, now: Moment, snapshot: &Snapshot, events: &[PlantEvent]) -> Vec<Message> {
         let stamp = self.stamp(now, snapshot);
         self.owes_birth = false;
@@ -237,7 +237,8 @@ impl Sparkplug {
         Message { topic: self.address.topic(verb), payload: payload.bytes(), qos, retained: false }
     }
 
-    /// Returns whether the node may publish another birth: the last one is long enough ago, or the clock was set back.
+    /// Returns whether the node may publish another birth: the last birth is long enough ago, or the clock was set
+    /// back.
     fn may_be_born(&self, now: Moment) -> bool {
         now < self.born_at || now.since(self.born_at) >= BETWEEN_BIRTHS
     }

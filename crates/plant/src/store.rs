@@ -214,7 +214,7 @@ impl Store {
         if lost_some { self.published_file.write(self.published) } else { Ok(()) }
     }
 
-    /// Returns the size of all files on disk in bytes, if `bytes` more bytes were appended.
+    /// Returns the size that all files would have on disk if `bytes` more bytes were appended, in bytes.
     fn after(&self, bytes: u64) -> u64 {
         let sizes = self.segments.iter().map(|segment| segment.bytes);
         let grows = self.writer.is_some();
@@ -258,7 +258,7 @@ impl Store {
         self.forget_published()
     }
 
-    /// Marks the `count` oldest records as published, and removes the files that contain no others.
+    /// Marks the `count` oldest records as published, and removes the files in which all records are marked.
     ///
     /// # Errors
     /// The mark cannot be written. Before a restart, the records are not returned a second time. After a restart, they
@@ -332,8 +332,8 @@ impl Store {
         std::mem::take(&mut self.dropped)
     }
 
-    /// Returns the next report about the disk: one when writing begins to fail, and one when it works again. `None` if
-    /// there is none.
+    /// Returns the next report about the disk: writing begins to fail, or works again. `None` if there is no new
+    /// report.
     pub fn news(&mut self) -> Option<DiskNews> {
         self.disk.news.pop_front()
     }

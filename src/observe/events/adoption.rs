@@ -17,16 +17,16 @@ pub enum Adoption {
         axis: String,
         /// Name of the candidate.
         model: String,
-        /// First judged day.
+        /// First day on which the candidate was compared with the model in use.
         since: String,
-        /// Number of judged days.
+        /// Number of days on which the candidate was compared with the model in use.
         days: usize,
-        /// Number of touches on these days.
+        /// Number of touches (measurements with a probe) on the days of the comparison.
         touches: u32,
-        /// Residual error with the model in use, as a root mean square.
+        /// Residual error with the model in use on these days, as a root mean square.
         #[serde(rename = "in_use_um")]
         in_use: Micron,
-        /// Residual error that the candidate would have left.
+        /// Residual error that the candidate would have left on these days, as a root mean square.
         #[serde(rename = "candidate_um")]
         candidate: Micron,
         /// Whether the gateway adopts the candidate automatically at the next datum (zero point of Cz).
@@ -38,7 +38,7 @@ pub enum Adoption {
         axis: String,
         /// Name of the learned model; `None` for the model of the profile.
         model: Option<String>,
-        /// Name of the learned model before; `None` for the model of the profile.
+        /// Name of the learned model that was preferred before; `None` for the model of the profile.
         before: Option<String>,
     },
     /// The models of the profile have changed, so that the learned model is not used any more.
@@ -70,8 +70,8 @@ impl Adoption {
                 };
                 let basis = format!("{}, touches: {touches}", counted(*days, "day"));
                 plain(format!(
-                    "axis {axis}: since {since}, model {model} would have left {candidate} instead of {in_use} \
-                     ({basis}); {next}"
+                    "axis {axis}: since {since}, model {model} would have left a residual error of {candidate} instead \
+                     of {in_use} ({basis}); {next}"
                 ))
                 .of(EventKind::CandidateBetter)
             }

@@ -1,4 +1,5 @@
-//! Events about the comparison of the errors with a model and without compensation.
+//! Events about the comparison of two errors of an axis: with the Cz (compensation value) of its model, and without
+//! compensation.
 
 use serde::Serialize;
 
@@ -7,7 +8,7 @@ use isotherm_core::events::EventKind;
 use isotherm_core::explained::Explained;
 use isotherm_core::quantity::Micron;
 
-/// Result of the comparison of the errors with and without compensation.
+/// Result of the comparison: whether the error is larger with the model than without compensation.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(untagged)]
 pub enum Comparison {
@@ -38,7 +39,7 @@ pub enum Comparison {
 /// this.
 pub(crate) fn found_worse(touches: usize, with: Micron, without: Micron) -> String {
     let shown = match touches {
-        0 => "as touches show that were made before the last datum (zero point of Cz)".to_owned(),
+        0 => "as touches before the last datum (zero point of Cz) show".to_owned(),
         count => format!(
             "the residual error is {with} with the model, {without} without (root mean square of the last \
              {count} touches)"

@@ -1,4 +1,5 @@
-//! Format of the fields of events in the data for programs.
+//! Format of the event data for programs (JSON): maximum lengths of texts and lists, and the form of levels and
+//! durations.
 
 use std::time::Duration;
 

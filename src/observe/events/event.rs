@@ -1,5 +1,5 @@
-//! Events: the fields of each one, which are its data for programs, and its sentence. The catalogue
-//! [`isotherm_core::events`] contains level, alarms and hint.
+//! Events of the gateway. Each event has fields, which are its data for programs, and a sentence for people. The
+//! catalogue [`isotherm_core::events`] contains the level, the alarms and the hint of each event.
 
 use std::time::Duration;
 
@@ -151,7 +151,9 @@ events! {
         // `from` and `to` are the values of one count.
         ScaleChanged { signal: String, unit: String, from: f64, to: f64 } => caused(
             format!("signal {signal}"),
-            format!("the device has changed the scale: one count was {from} {unit}, and is now {to} {unit}")
+            format!(
+                "the device has changed the scale: one count of the raw value was {from} {unit}, and is now {to} {unit}"
+            )
         );
         // If the cause of the state has changed, `from` and `to` are the same.
         AxisState {
@@ -216,7 +218,7 @@ events! {
             #[serde(rename = "limit_um")]
             limit: Micron,
         } => {
-            let cause = format!("the model requests {wanted}, held at its limit of ±{limit}");
+            let cause = format!("the model requests {wanted}, and Cz is held at its limit of ±{limit}");
             let hint = hint_with(EventKind::AtLimit, &[("axis", axis)]);
             caused(format!("axis {axis}"), Explained::new(cause, hint))
         };
@@ -354,8 +356,8 @@ events! {
         WaitsForLateWrite { output: String, seconds: u64 } => caused(
             format!("output {output}"),
             format!(
-                "waiting for a late write, {seconds} s at most: if it arrived after the next write, the step could be \
-                 too large"
+                "waiting for a late write, {seconds} s at most: if this write arrived after the next write, the step \
+                 of the axis could be too large"
             )
         );
         WaitsAfterStart {
@@ -363,7 +365,7 @@ events! {
             #[serde(rename = "late_s", serialize_with = "in_seconds")]
             late: Duration,
         } => plain(format!(
-            "output {output}: no orderly stop of the last run is known; the gateway waits {} for late writes before it \
+            "output {output}: the last run has not recorded an orderly stop; the gateway waits {} for late writes before it \
              changes the register",
             duration_text(*late)
         ));

@@ -15,7 +15,7 @@ use crate::clock::Clock;
 use isotherm_core::events::Level;
 use isotherm_core::quantity::Moment;
 
-/// Maximum number of events that are shown.
+/// Maximum number of events that the status and the web page show.
 const SHOWN: usize = 200;
 /// Maximum number of events that wait for a slow disk. Further events are lost and counted.
 const UNKEPT: usize = 10_000;
@@ -83,7 +83,7 @@ struct Pages {
     last: VecDeque<Entry>,
     counts: BTreeMap<&'static str, u64>,
     alarms: Alarms,
-    /// Number of events in `last` that earlier runs reported, before this start of the gateway.
+    /// Number of events in `last` that earlier runs of the gateway have reported.
     restored: usize,
     unkept: Option<UnsavedEvents>,
 }
@@ -195,8 +195,8 @@ impl Journal {
         before.into_iter().chain(since).for_each(|entry| pages.show(entry));
     }
 
-    /// Begins to store events until they are on disk, including those that were reported before. Calls `wake` when
-    /// there are events to write.
+    /// Begins to keep events in memory until they are on disk, including the events that were reported before this
+    /// call. Calls `wake` when there are events to write.
     pub fn keep(&self, wake: impl Fn() + Send + 'static) {
         let mut pages = self.pages();
         let entries: VecDeque<Entry> = pages.last.iter().skip(pages.restored).cloned().collect();

@@ -6,7 +6,7 @@ use super::description::{EventDescription, caused, plain};
 use isotherm_core::events::EventKind;
 use isotherm_core::explained::Explained;
 
-/// Change in the listening port of the web page, which the profile requires.
+/// Change of the listening port of the web page: closed, not served, or open. The profile requires the port.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 #[serde(untagged)]
 pub enum PagePort {

@@ -284,7 +284,8 @@ impl Access {
         }
     }
 
-    /// Returns the role of the client with the most rights; `None` if the client has no role.
+    /// Returns the role of the client. If it has several roles, returns the role with the most rights; `None` if it has
+    /// no role.
     fn who(&self, request: &Request, peer: &Peer) -> Result<Option<Grant>, Refusal> {
         let headers = request.headers();
         if let Some(token) = bearer(headers).filter(|_| self.tokens.any()) {

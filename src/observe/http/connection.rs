@@ -35,7 +35,8 @@ use super::peer::Peer;
 /// Maximum size of the head of a request, and of the unsent part of an answer, in bytes.
 const BUFFER: usize = 64 * 1024;
 
-/// TCP connection with its phase. When the last reference is dropped, the permit of the connection is released.
+/// TCP connection with its phase: receiving the head of a request, answering, or idle. When the last reference is
+/// dropped, the permit of the connection is released.
 #[derive(Debug)]
 pub(super) struct Line {
     stream: TcpStream,

@@ -67,8 +67,8 @@ impl Forwarded {
     }
 }
 
-/// Returns the value that one of the two kinds of headers reports, or both of them. `None` if neither reports it; an
-/// error if the values differ.
+/// Returns the value from the two kinds of headers. If only one kind reports the value, this is sufficient. `None` if
+/// no header reports the value; an error if the two values differ.
 fn one_of<T: PartialEq>(one: Option<T>, other: Option<T>) -> Result<Option<T>, UnusableReport> {
     match (one, other) {
         (Some(one), Some(other)) if one != other => Err(UnusableReport::Differs),
@@ -76,7 +76,7 @@ fn one_of<T: PartialEq>(one: Option<T>, other: Option<T>) -> Result<Option<T>, U
     }
 }
 
-/// Reads `Forwarded: for=192.0.2.7;proto=https;host=gw7, for=10.0.0.7`.
+/// Reads the report in the standard header, for example `Forwarded: for=192.0.2.7;proto=https;host=gw7, for=10.0.0.7`.
 fn standard(headers: &HeaderMap, trusted: &[IpNetwork]) -> Result<Report, UnusableReport> {
     let text = joined(headers, "forwarded");
     // A proxy closes its own quotes, so an odd number means that the client has left one open.
@@ -104,7 +104,7 @@ fn parameter<'a>(element: &'a str, name: &str) -> Option<&'a str> {
     Some(value.trim().trim_matches('"'))
 }
 
-/// Reads `X-Forwarded-For`, `X-Forwarded-Proto` and `X-Forwarded-Host`.
+/// Reads the report in the headers `X-Forwarded-For`, `X-Forwarded-Proto` and `X-Forwarded-Host`.
 fn usual(headers: &HeaderMap, trusted: &[IpNetwork]) -> Report {
     let texts =
         ["x-forwarded-for", "x-forwarded-proto", "x-forwarded-host"].map(|name| joined(headers, name));

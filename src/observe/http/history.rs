@@ -214,7 +214,7 @@ fn columns(status: &Status, named: Option<&str>) -> Result<Vec<Column>, String> 
         .map(|name| {
             known.iter().find(|column| column.name == name).cloned().ok_or_else(|| {
                 let names: Vec<&str> = known.iter().map(|column| column.name.as_str()).collect();
-                format!("there is no column {}; there are {}", quoted(name), names.join(", "))
+                format!("there is no column {}; the columns are {}", quoted(name), names.join(", "))
             })
         })
         .collect::<Result<_, _>>()?;

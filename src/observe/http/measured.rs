@@ -69,7 +69,8 @@ fn answer(room: &HttpState, axis: &str, report: Option<MeasuredReport>, requeste
     let axes = room.source.status().axes;
     if !axes.iter().any(|known| known.name == axis) {
         let names: Vec<&str> = axes.iter().map(|axis| axis.name.as_str()).collect();
-        let text = format!("There is no axis {}; there are {}.\n", one_line(&quoted(axis)), names.join(", "));
+        let text =
+            format!("There is no axis {}; the axes are {}.\n", one_line(&quoted(axis)), names.join(", "));
         return (StatusCode::NOT_FOUND, text).into_response();
     }
     answered(&room.access.refused, room.source.measured(axis, report, requester))

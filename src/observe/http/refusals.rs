@@ -107,7 +107,7 @@ impl Refusals {
         Some(TokenReport { count: std::mem::take(&mut self.unreported), last, closed })
     }
 
-    /// Removes addresses whose minute is over. If too many are left, removes the oldest quarter.
+    /// Removes addresses whose minute is over. If too many addresses remain, removes the oldest quarter of them.
     fn forget(&mut self, now: Duration) {
         self.by_address.retain(|_, guesses| now < guesses.since + SPAN);
         if self.by_address.len() >= ADDRESSES {

@@ -20,10 +20,8 @@ const LARGEST_BODY: usize = 1024;
 pub(super) async fn for_one_host(request: Request, next: Next) -> Response {
     match names_one_host(&request) {
         true => next.run(request).await,
-        false => {
-            (StatusCode::BAD_REQUEST, "This request is for more than one host: it names them differently.\n")
-                .into_response()
-        }
+        false => (StatusCode::BAD_REQUEST, "This request names more than one host. Send one header Host.\n")
+            .into_response(),
     }
 }
 

@@ -25,23 +25,23 @@ pub(super) enum Route {
     Acknowledge,
     /// Measured error of an axis.
     Measured,
-    /// Status.
+    /// Status of the gateway.
     Status,
-    /// Stream of the status.
+    /// Live stream of the status.
     Live,
-    /// Events.
+    /// Events of a time range.
     Events,
     /// Values from the logs, for a chart.
     History,
-    /// Rows of the logs.
+    /// Rows of the logs, for a download.
     Download,
-    /// Description of the API.
+    /// Description of the API in OpenAPI.
     OpenApi,
-    /// Metrics.
+    /// Metrics for Prometheus.
     Metrics,
-    /// Whether the process answers.
+    /// Health check: the answer shows that the process runs.
     Healthy,
-    /// Whether the gateway is ready.
+    /// Readiness check: whether the gateway compensates as intended.
     Ready,
 }
 

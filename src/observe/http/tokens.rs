@@ -35,7 +35,8 @@ pub(super) enum Role {
 }
 
 impl Role {
-    /// All roles, the role with the fewest rights first. If two roles have the same token, it gives the fewer rights.
+    /// All roles, the role with the fewest rights first. If two roles have the same token, the token gives the rights
+    /// of the role with fewer rights.
     const ALL: [Role; 3] = [Role::Scraper, Role::Viewer, Role::Operator];
 
     pub(super) fn name(self) -> &'static str {

@@ -134,15 +134,15 @@ impl Fault {
             }
             Fault::NotAllowed => Explained::new(
                 "the broker does not allow the gateway to connect",
-                "name a `user` that may connect, or a certificate in `tls`",
+                "write a `user` that may connect into the profile, or the path of a certificate into `tls`",
             ),
             Fault::NotSubscribed(topic) => Explained::new(
                 format!("the broker refuses the subscription to {topic}"),
-                "allow the user of the gateway to subscribe to it",
+                "allow the user of the gateway to subscribe to this topic",
             ),
             Fault::Denied(topic) => Explained::new(
                 format!("the broker closes the connection after a message to {topic}"),
-                "allow the user of the gateway to publish to it",
+                "allow the user of the gateway to publish to this topic",
             ),
             Fault::DeniesAll => Explained::new(
                 "the broker closes the connection after the first message",
@@ -176,7 +176,7 @@ mod tests {
     fn a_cause_has_one_remedy_and_no_question_inside() {
         let topic = || "g/press/axis/z".to_owned();
         for (fault, remedy) in [
-            (Fault::NotAllowed, "name a `user`"),
+            (Fault::NotAllowed, "write a `user`"),
             (Fault::NotSubscribed(topic()), "allow the user of the gateway to subscribe"),
             (Fault::Denied(topic()), "allow the user of the gateway to publish"),
             (Fault::DeniesAll, "allow the user of the gateway to publish"),

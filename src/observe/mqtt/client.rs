@@ -339,7 +339,7 @@ impl Drop for Connected {
     }
 }
 
-/// Runs the event loop of the library until the connection breaks, and sends its reports.
+/// Runs the event loop of the library until the connection breaks, and sends reports about the connection.
 async fn turn(mut turns: EventLoop, tally: Arc<Mutex<Tally>>, news: ReportSender, clock: Clock) {
     let tally = || tally.lock().unwrap_or_else(PoisonError::into_inner);
     loop {
@@ -451,15 +451,17 @@ fn refusal_of_mqtt_5(code: u8) -> Fault {
 fn tls_fault(fault: TlsFault) -> Fault {
     let remedy = match fault {
         TlsFault::OtherName => {
-            Some("write that name into `broker`, or name the certificate itself with `tls = { ca = \"…\" }`")
+            Some("write that name into `broker`, or the path of this certificate into `ca` of `tls`")
         }
         TlsFault::UnknownAuthority => {
-            Some("name the authority that signed the certificate with `tls = { ca = \"…\" }`")
+            Some("write the path of the authority's certificate into the profile: `tls = { ca = \"…\" }`")
         }
-        TlsFault::BadCertificate => {
-            Some("to trust a self-signed certificate, name it with `tls = { ca = \"…\" }`")
+        TlsFault::BadCertificate => Some(
+            "to trust a self-signed certificate, write its path into the profile: `tls = { ca = \"…\" }`",
+        ),
+        TlsFault::OursMissing => {
+            Some("write the paths of a certificate and its key into `cert` and `key` of `tls`")
         }
-        TlsFault::OursMissing => Some("name `cert` and `key` in `tls`"),
         TlsFault::OursExpired => Some("renew the certificate that `cert` names in `tls`"),
         TlsFault::OursRefused => {
             Some("does the broker trust the authority of the certificate that `cert` names in `tls`?")

@@ -14,8 +14,8 @@ use super::broker::Fault;
 use isotherm_core::quantity::Moment;
 use isotherm_plant::{Message, Qos};
 
-/// Number of connections closed after messages to a topic from which on the topic counts as denied. An answer to such a
-/// message resets the count.
+/// Number of connections that the broker closes after messages to the same topic before the topic counts as denied. An
+/// answer to such a message resets the count.
 const CLOSED: u32 = 3;
 /// Minimum duration of a connection after which messages are no longer sent one by one.
 const CAREFUL_FOR: Duration = Duration::from_secs(60);
@@ -146,8 +146,8 @@ impl Denials {
         }
     }
 
-    /// Returns the place of the first message that is not suspected. Only retained documents are skipped, because they
-    /// may arrive in any order. The births, data and events of a topic must arrive in order.
+    /// Returns the index of the first message in `outbox` whose topic is not suspected. Only retained documents are
+    /// skipped, because they may arrive in any order. The births, data and events of a topic must arrive in order.
     fn first_unsuspected(&self, outbox: &VecDeque<(Moment, Message)>) -> usize {
         let is_next = |(_, message): &(Moment, Message)| {
             !message.retained || !self.suspected.contains_key(scope(&message.topic))

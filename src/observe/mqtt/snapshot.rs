@@ -14,11 +14,11 @@ use isotherm_profile::{Profile, Signal};
 
 /// Minimum increase, in seconds, after which the age of a verified value is published again.
 const AGES_BY_S: f64 = 30.0;
-/// Minimum change of a length, µm, for which the length is published again: half of the displayed resolution.
+/// Minimum change of a length, µm, after which the length is published again: half of the displayed resolution.
 const RESOLUTION_UM: f64 = 0.05;
 
-/// Returns the minimum change of each signal for which it is published again, in the profile's order. The change is
-/// half a count, or zero for a floating-point number.
+/// Returns for each signal the minimum change after which it is published again, in the profile's order. This is half
+/// of the signal's resolution, or zero for a floating-point number.
 pub(super) fn resolutions(profile: &Profile) -> Vec<f64> {
     let resolution = |signal: &Signal| match signal.encoding.data_type {
         DataType::F32 | DataType::F64 => 0.0,

@@ -22,7 +22,7 @@ pub struct Rules {
     pub timeout: Duration,
     /// Pause after the first of consecutive failures. Each further pause is twice as long.
     pub first_pause: Duration,
-    /// Maximum pause, unless the server requests a longer one.
+    /// Maximum pause, unless the server requests a longer pause.
     pub longest_pause: Duration,
     /// Maximum number of attempts for a message.
     pub attempts: u32,

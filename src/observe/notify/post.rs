@@ -124,9 +124,9 @@ impl From<ConnectError> for Failure {
 /// Returns the remedy for a TLS fault. `None` if the message of the fault is sufficient.
 fn remedy(fault: TlsFault) -> Option<&'static str> {
     Some(match fault {
-        TlsFault::OtherName => "write that name into `url`, or name the certificate with `ca`",
-        TlsFault::UnknownAuthority => "name the authority that signed the certificate with `ca`",
-        TlsFault::BadCertificate => "to trust a self-signed certificate, name it with `ca`",
+        TlsFault::OtherName => "write that name into `url`, or the path of this certificate into `ca`",
+        TlsFault::UnknownAuthority => "write the path of the authority's certificate into `ca`",
+        TlsFault::BadCertificate => "to trust a self-signed certificate, write its path into `ca`",
         TlsFault::OursMissing => {
             "messages are posted without a certificate; use a token instead (`token_file`)"
         }

@@ -100,7 +100,7 @@ impl Refusal {
     /// Returns the OPC UA error message that states this reason.
     pub(super) fn message(&self) -> Vec<u8> {
         let (status, why): (u32, &str) = match self {
-            Refusal::NoMessage => (0x807E_0000, "the bytes are no message of OPC UA"),
+            Refusal::NoMessage => (0x807E_0000, "the bytes are not an OPC UA message"),
             Refusal::TooLarge => (0x8080_0000, "a part of a message is larger than agreed"),
             Refusal::Policy => (0x8055_0000, "no endpoint of this server offers this security policy"),
             Refusal::Untrusted(_) => {

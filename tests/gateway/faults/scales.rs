@@ -42,7 +42,11 @@ fn a_device_that_gets_another_resolution_is_followed_without_a_jump() {
         moves_by_steps(&trace);
         assert_eq!(trace.reported("scale-changed"), 1, "{register}\n{}", trace.lines());
         let event = trace.events.iter().find(|event| event.kind == "scale-changed").unwrap();
-        assert!(event.text.contains("one count was 0.1 °C, and is now 0.01 °C"), "{}", event.text);
+        assert!(
+            event.text.contains("one count of the raw value was 0.1 °C, and is now 0.01 °C"),
+            "{}",
+            event.text
+        );
         for (from, to) in [(8, 28), (40, 68)] {
             assert_eq!(trace.qualities("bed", from, to), ["good"], "{register}\n{}", trace.lines());
         }

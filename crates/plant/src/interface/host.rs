@@ -3,7 +3,7 @@
 /// State of the primary host (the Sparkplug host that must be online before the gateway publishes).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum PrimaryHost {
-    /// No host is needed.
+    /// The gateway waits for no host before it publishes.
     #[default]
     NotNeeded,
     /// The broker has sent no state of the host on this connection.
@@ -15,7 +15,7 @@ pub enum PrimaryHost {
 }
 
 impl PrimaryHost {
-    /// Returns whether messages may be published.
+    /// Returns whether messages may be published: the host is online, or the gateway waits for no host.
     pub fn is_present(self) -> bool {
         matches!(self, PrimaryHost::NotNeeded | PrimaryHost::Online)
     }

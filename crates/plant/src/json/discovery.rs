@@ -65,8 +65,8 @@ fn message(settings: &JsonSettings, metric: &Metric) -> Message {
     }
 }
 
-/// Returns the unit in the notation of Home Assistant, and the device class of the sensor. Either is empty if there is
-/// none.
+/// Returns the unit in the notation of Home Assistant, and the device class of the sensor. A text is empty if Home
+/// Assistant has no such unit or device class.
 fn unit(metric: &Metric) -> (&'static str, &'static str) {
     match metric.unit {
         "degC" => ("°C", "temperature"),

@@ -58,10 +58,10 @@ impl Address {
     }
 }
 
-/// Checks that a name can be one level of a topic. `what` names its purpose in the error.
+/// Checks that a name can be one level of a topic. `what` is the subject of the error message: the group or the node.
 fn is_level(what: &str, name: &str) -> Result<(), String> {
     if name.is_empty() {
-        return Err(format!("the {what} of Sparkplug B has no name"));
+        return Err(format!("the name of the {what} of Sparkplug B is empty"));
     }
     match name.chars().find(|c| matches!(c, '+' | '/' | '#') || c.is_control()) {
         None => Ok(()),
@@ -108,8 +108,8 @@ mod tests {
     #[test]
     fn a_name_that_would_be_more_than_one_level_of_a_topic_is_refused_with_its_letter() {
         let table = [
-            ("", "n", "the group of Sparkplug B has no name"),
-            ("g", "", "the node of Sparkplug B has no name"),
+            ("", "n", "the name of the group of Sparkplug B is empty"),
+            ("g", "", "the name of the node of Sparkplug B is empty"),
             (
                 "g/h",
                 "n",

@@ -17,7 +17,7 @@ pub(super) const BD_SEQ: &str = "bdSeq";
 /// Metric that publishes events.
 pub(super) const EVENT: &str = "gateway/event";
 
-/// Last part of the name of the metric by which hosts send a measured error. The axis is in the middle: `axis/z/…`.
+/// Last part of the name of the metric by which hosts send the measured error of an axis: `axis/z/measured_error_um`.
 const MEASURED: &str = "measured_error_um";
 
 /// Codes of the property `Quality`: `BAD` if the value is unknown, and another code when it is valid again.
@@ -147,8 +147,8 @@ fn datum(value: &Value) -> Option<Datum> {
     })
 }
 
-/// Returns whether metrics of this subject have the property `Quality`. Only signals have it: their value is missing
-/// because isotherm rejected it.
+/// Returns whether metrics of this subject have the property `Quality`. Only signals have it, because isotherm may
+/// reject their values.
 pub(super) fn has_quality(subject: &Subject) -> bool {
     matches!(subject, Subject::Signal(_))
 }

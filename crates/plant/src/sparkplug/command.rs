@@ -95,7 +95,10 @@ fn other(
         return refused(&command, why);
     }
     let Some(error_um) = error_of(metric) else {
-        return refused(&command, "the value of the metric is no number (Double or Float, in µm)".to_owned());
+        return refused(
+            &command,
+            "the value of the metric is not a number (Double or Float, in µm)".to_owned(),
+        );
     };
     match report_of(metric, error_um) {
         Ok(report) => Outcome::Asked(Command::Measured { axis: axis.to_owned(), report }),

@@ -6,21 +6,21 @@ use super::payload::{PropertyRaw, Raw};
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u32)]
 pub enum DataType {
-    /// Signed, 8 bits.
+    /// Signed integer, 8 bits.
     Int8 = 1,
-    /// Signed, 16 bits.
+    /// Signed integer, 16 bits.
     Int16 = 2,
-    /// Signed, 32 bits.
+    /// Signed integer, 32 bits.
     Int32 = 3,
-    /// Signed, 64 bits.
+    /// Signed integer, 64 bits.
     Int64 = 4,
-    /// Unsigned, 8 bits.
+    /// Unsigned integer, 8 bits.
     UInt8 = 5,
-    /// Unsigned, 16 bits.
+    /// Unsigned integer, 16 bits.
     UInt16 = 6,
-    /// Unsigned, 32 bits.
+    /// Unsigned integer, 32 bits.
     UInt32 = 7,
-    /// Unsigned, 64 bits.
+    /// Unsigned integer, 64 bits.
     UInt64 = 8,
     /// Real number, 32 bits.
     Float = 9,
@@ -37,11 +37,11 @@ pub enum DataType {
 /// Value of one of the Sparkplug data types.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Datum {
-    /// Value of a signed type.
+    /// Value of one of the signed integer types.
     Signed(i64),
-    /// Value of an unsigned type.
+    /// Value of one of the unsigned integer types.
     Unsigned(u64),
-    /// Value of a real type.
+    /// Value of one of the types for real numbers.
     Real(f64),
     /// Boolean.
     Flag(bool),
@@ -74,7 +74,7 @@ impl DataType {
         self as u32
     }
 
-    /// Data type with this number; `None` for one that is not supported.
+    /// Returns the data type with this number; `None` if the type is not supported.
     pub fn from_number(number: u32) -> Option<DataType> {
         DataType::ALL.into_iter().find(|kind| kind.number() == number)
     }
@@ -130,7 +130,8 @@ impl DataType {
 }
 
 impl Raw {
-    /// Converts an encoded value to that of a property. Returns `None` for bytes, which a property cannot contain.
+    /// Converts the encoded value of a metric to the encoded value of a property. Returns `None` for bytes, which a
+    /// property cannot contain.
     pub fn into_property(self) -> Option<PropertyRaw> {
         Some(match self {
             Raw::Int(value) => PropertyRaw::Int(value),

@@ -1,6 +1,8 @@
-//! Death number (bdSeq), by which a host finds the death that belongs to a birth.
+//! Death number (bdSeq): a number in the birth and death messages of a node. A host uses it to find the death message
+//! that belongs to a birth message.
 
-/// Death numbers of the connections: 0 for the first CONNECT packet, and one more for each further one. 0 follows 255.
+/// Death numbers of the connections: 0 for the first CONNECT packet, and one more for each further packet. After 255,
+/// the numbers begin again at 0.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct DeathNumber {
     /// Death number in the last CONNECT packet that was sent, in this run or an earlier one; `None` if none was ever

@@ -74,7 +74,7 @@ pub enum Raw {
     Bytes(Vec<u8>),
 }
 
-/// Properties: as many names as values.
+/// Properties of a metric. The two lists have the same length.
 #[derive(Clone, PartialEq, Message)]
 pub struct PropertySet {
     /// Names of the properties.
@@ -129,7 +129,7 @@ pub enum Unreadable {
     TooLong(usize),
     /// The message has more metrics than the limit; contains their number.
     TooMany(usize),
-    /// The bytes are no valid Protocol Buffers message of Sparkplug B; contains the reason.
+    /// The bytes are not a valid Protocol Buffers message of Sparkplug B; contains the reason.
     Malformed(String),
 }
 

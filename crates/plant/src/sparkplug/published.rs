@@ -7,8 +7,8 @@ use super::datum::{DataType, Datum};
 use super::payload::Metric;
 use crate::interface::{PlantEvent, Snapshot, Subject, Value};
 
-/// Maximum shift of an event in ms. An event is shifted so that it is later than the previous event. Some hosts store
-/// only one value for each time, so events need different times.
+/// Maximum shift of the time stamp of an event, in ms. A time stamp is shifted to be later than the time stamp of the
+/// previous event. Some hosts store only one value for each time, so events need different times.
 const APART_WITHIN_MS: u64 = 1000;
 
 /// Last value of each metric that was published, or stored on disk for later.
@@ -34,7 +34,7 @@ enum Last {
 }
 
 impl PublishedMetrics {
-    /// Returns whether the snapshot has the same metrics as the last one, in the same order.
+    /// Returns whether the snapshot has the same metrics as the last snapshot, in the same order.
     pub(super) fn is_of(&self, snapshot: &Snapshot) -> bool {
         self.figures.len() == snapshot.metrics.len()
             && self.figures.iter().zip(&snapshot.metrics).all(|(figure, metric)| {
@@ -44,8 +44,8 @@ impl PublishedMetrics {
             })
     }
 
-    /// Returns the metrics that have changed, and metrics for the events, in the order of time. The changed values are
-    /// recorded as published.
+    /// Returns the metrics that have changed, and the metrics of the events, in the order of their time stamps. The
+    /// changed values are recorded as published.
     pub(super) fn changes(
         &mut self,
         snapshot: &Snapshot,

@@ -19,7 +19,8 @@ const MOST_BYTES: usize = 1024 * 1024;
 pub(super) struct Unconfirmed {
     published: VecDeque<(Moment, Record)>,
     bytes: usize,
-    /// Times and numbers of the records that were removed because the limit of memory was reached. Most have arrived.
+    /// Records that were removed because the limit of memory was reached: time of publication, and number of records of
+    /// this time. Most of these records have reached the broker.
     removed: VecDeque<(Moment, u64)>,
     dropped: u64,
 }

@@ -83,8 +83,8 @@ impl Segment {
         Ok((segment.count > 0).then_some(segment))
     }
 
-    /// Returns up to `most` records, starting with the number `from`. Fewer records than exist mean that the rest is
-    /// damaged.
+    /// Returns up to `most` records, starting with the number `from`. If fewer records are returned than the file
+    /// should contain, the rest of the file is damaged.
     pub(super) fn records(&self, directory: &Path, from: u64, most: u64) -> io::Result<Vec<Record>> {
         let mut found = Vec::new();
         let mut file = match File::open(self.path(directory)) {

@@ -187,7 +187,7 @@ fn everything_else_is_refused_with_its_reason() {
     let int = Metric { datatype: Some(3), ..error(Raw::Int(3)) };
     let nothing_else = "the gateway accepts only a measured error or a request for a birth over MQTT; no \
                         message can arm, disarm or move an axis";
-    let no_number = "the value of the metric is no number (Double or Float, in µm)";
+    let no_number = "the value of the metric is not a number (Double or Float, in µm)";
     let waited = "the message was delayed, or a clock is wrong";
     let now = ms(5_000);
     let table: [(Metric, Option<u64>, &str, String); 15] = [
