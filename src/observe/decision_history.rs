@@ -52,7 +52,7 @@ pub(super) struct Course {
 struct Extremes {
     /// Name of the column in the log.
     name: String,
-    /// Unit of its values.
+    /// Unit of the values.
     unit: &'static str,
     /// Smallest value at each point.
     #[schemars(with = "Vec<Option<f64>>")]
@@ -95,8 +95,8 @@ impl Distances {
     }
 }
 
-/// Reads the values in the time range, and reduces them to at most `points` points. `continues` is called for each row;
-/// if it returns `false`, reading ends with an error.
+/// Reads the values in the time range, and reduces them to at most `points` points. `continues` is called for each row.
+/// If `continues` returns `false`, reading ends with an error.
 ///
 /// # Errors
 /// A log cannot be read, or `continues` has returned `false`.

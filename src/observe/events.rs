@@ -1,8 +1,8 @@
 //! Events as one enum. The log line, the counter and the line on the web page are made from a variant and its entry in
 //! the catalogue [`isotherm_core::events`].
 //!
-//! An event is reported once when a state begins, and once when that state ends. The event at the end contains the
-//! number of occurrences in between that were not reported.
+//! An event is reported once when a state begins, and once when that state ends. Further occurrences in between are
+//! only counted. The event at the end contains their number.
 
 use std::borrow::Cow;
 

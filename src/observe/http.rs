@@ -71,8 +71,8 @@ const UNBUFFERED: HeaderName = HeaderName::from_static("x-accel-buffering");
 /// Maximum time for open requests to end when the gateway stops.
 const GRACE: Duration = Duration::from_millis(500);
 
-/// Headers of every answer. The web page loads nothing from other sites and runs only its own scripts. The page cannot
-/// be shown in a frame of another site. Such a site could cover its buttons.
+/// Headers of every answer. With these headers, the web page loads nothing from other sites and runs only its own
+/// scripts. Another site cannot show the page in a frame, and so cannot cover the buttons of the page.
 const HEADERS: [(HeaderName, &str); 5] = [
     (
         header::CONTENT_SECURITY_POLICY,

@@ -22,7 +22,7 @@ const GAUGES: [(&str, &str); 36] = [
     ),
     ("isotherm_axis_raw_meters", "Compensation as the model computes it."),
     ("isotherm_axis_expected_meters", "Expected residual error, as one standard deviation."),
-    ("isotherm_axis_state", "1 for the state the axis is in, 0 for the others."),
+    ("isotherm_axis_state", "1 for the present state of the axis, 0 for the other states."),
     ("isotherm_axis_armed", "1 when the axis may write."),
     ("isotherm_axis_wanted", "1 when the axis has a model and is not switched off: it must compensate."),
     (
@@ -64,7 +64,7 @@ const GAUGES: [(&str, &str); 36] = [
         "Longest time until the gateway changes the register: an earlier write may still arrive.",
     ),
     ("isotherm_output_verified", "1 when the last write was read back as written."),
-    ("isotherm_output_state", "1 for the state the output is in, 0 for the others."),
+    ("isotherm_output_state", "1 for the present state of the output, 0 for the other states."),
     ("isotherm_alarms", "Active alarms, by level and whether they are acknowledged."),
     (
         "isotherm_clock_synchronised",

@@ -110,8 +110,8 @@ pub trait GatewayApi: Send + Sync + 'static {
     /// Reports an event of the web server or of the publisher.
     fn report(&self, event: &Event);
 
-    /// Passes the events since `since` to `found`, oldest first, including those of earlier runs. Stops when `found`
-    /// returns `false`.
+    /// Passes the events since `since` to `found`, oldest first, including the events of earlier runs. Stops when
+    /// `found` returns `false`.
     ///
     /// # Errors
     /// Stored events cannot be read.

@@ -20,8 +20,8 @@ const MOST_OF_A_KIND: usize = 5;
 /// Maximum number of alarms on a page. If a network switch fails, each device of a large machine may have alarms.
 const ALARMS: usize = 100;
 
-/// Page of a status: some devices with their buses, signals, outputs and axes, and facts about the whole machine. All
-/// other fields have the same meaning as in [`Status`].
+/// Page of a status: some devices with their buses, signals, outputs and axes, and counts of the whole machine, for
+/// example of its faulty devices. All other fields have the same meaning as in [`Status`].
 #[derive(Debug, Serialize)]
 pub(super) struct StatusPage<'s> {
     machine: &'s str,
@@ -50,7 +50,7 @@ pub(super) struct StatusPage<'s> {
     event_counts: &'s BTreeMap<&'static str, u64>,
     mqtt: Option<&'s BrokerStatus>,
     page: PageNumber,
-    /// Facts about all pages; `None` if the status has only one page.
+    /// Counts, alarms and some axes of the whole machine; `None` if the status has only one page.
     #[serde(skip_serializing_if = "Option::is_none")]
     whole: Option<WholeMachine<'s>>,
 }
@@ -62,12 +62,12 @@ struct PageNumber {
     of: usize,
 }
 
-/// Facts about all devices of the machine.
+/// Part of the status that every page contains: counts, alarms and some axes of the whole machine.
 #[derive(Debug, Serialize)]
 struct WholeMachine<'s> {
-    /// Some axes of each kind of state.
+    /// Some axes in each state, at most [`MOST_OF_A_KIND`].
     axes: Vec<&'s AxisStatus>,
-    /// First output to which another program has written; empty if there is none.
+    /// First output to which another program has written; empty if no other program has written.
     outputs: Vec<&'s OutputStatus>,
     /// Number of devices in another state than `ok`.
     lost: usize,

@@ -144,7 +144,7 @@ fn two_thousand_silent_sockets_take_nothing_from_lines_commands_and_files() {
     });
     println!("{opened} connections; device back after {returned:?}");
     let said = machine.gateway.so_far().join("\n");
-    assert_eq!(said.matches("or that of one address").count(), 1, "{said}");
+    assert_eq!(said.matches("or the limit for one address").count(), 1, "{said}");
 }
 
 /// Opens connections to the command socket that send nothing. A closed one is opened again at once.

@@ -53,7 +53,7 @@ struct Axes<'a> {
     y: (f64, f64),
     /// Unit, written above the vertical axis.
     unit: &'a str,
-    /// Label below the horizontal axis; empty if the axis has none.
+    /// Label below the horizontal axis; empty if the axis has no label.
     across: &'a str,
     /// Formats a number as a label of the horizontal axis.
     written: &'a dyn Fn(&f64) -> String,

@@ -10,8 +10,8 @@ pub mod chart;
 
 const STYLE: &str = include_str!("style.css");
 
-/// Renders a complete HTML page. `made` is its time of creation. `source` names the origin of its figures, for example
-/// a log file.
+/// Renders a complete HTML page. `made` is the time at which the page was made. `source` names the origin of the
+/// figures on the page, for example a log file.
 pub fn page(title: &str, made: Moment, source: &str, content: &Markup) -> String {
     html! {
         (DOCTYPE)
@@ -109,7 +109,7 @@ pub fn three_digits(value: f64) -> String {
     decimals(value, places)
 }
 
-/// Formats a number such as the resolution of a sensor: at most six decimals, without trailing zeros.
+/// Formats a number with at most six decimals and without trailing zeros, for example the resolution of a sensor.
 pub fn plain(value: f64) -> String {
     let text = format!("{value:.6}");
     text.trim_end_matches('0').trim_end_matches('.').to_owned()

@@ -136,8 +136,8 @@ fn listed(mesh: &Mesh, nodes: &[usize]) -> String {
     format!("{} {word} ({}{more})", nodes.len(), shown.join(", "))
 }
 
-/// Applies a cut. Each intersected part becomes two: `a` is added to the name of the part below the plane, and `b` to
-/// the name of the part above the plane.
+/// Applies a cut. Each intersected part becomes two parts. The name of the part below the plane gets the suffix `a`,
+/// and the name of the part above the plane the suffix `b`.
 ///
 /// # Errors
 /// The cut intersects no part, or names a block that does not exist.
@@ -294,8 +294,8 @@ fn volumes(mesh: &Mesh) -> Vec<f64> {
     volumes
 }
 
-/// Divides the space into grid cells with sides of `size` mm. Returns the nodes of each cell, and for each cell its own
-/// index and those of the adjacent cells.
+/// Divides the space into grid cells with sides of `size` mm. Returns two lists: the nodes of each cell, and for each
+/// cell its own index together with the indices of the adjacent cells.
 fn cells(mesh: &Mesh, size: f64) -> (Vec<Vec<usize>>, Vec<Vec<usize>>) {
     if size <= 0.0 {
         return (Vec::new(), Vec::new());

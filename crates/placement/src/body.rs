@@ -81,7 +81,7 @@ pub enum Flux {
 pub struct LoadCase {
     /// Time range of the case: steady, or transient.
     pub case: Case,
-    /// Initial temperature of each node, °C. Rises are counted from this temperature.
+    /// Initial temperature of each node, °C. Temperature rises are relative to this temperature.
     pub initial: Vec<f64>,
     /// Heat exchange of faces with fluids.
     pub films: Vec<Film>,

@@ -1,7 +1,7 @@
-//! CalculiX as an independent second solver for the same problems.
+//! CalculiX as a second, independent solver, with which the results of isotherm are compared.
 //!
 //! The module writes FE input files into a scratch directory, runs `ccx`, and reads the printed results. CalculiX
-//! prints seven digits, which limits the comparison with the solver of isotherm.
+//! prints only seven digits, which limits the accuracy of this comparison.
 
 use std::path::PathBuf;
 use std::process::{Command, Stdio};
@@ -59,7 +59,7 @@ impl Default for Ccx {
 }
 
 impl Ccx {
-    /// Computes the rise of every node over its initial temperature at the end of the case, K.
+    /// Computes the temperature rise of every node at the end of the load case, K, relative to its initial temperature.
     ///
     /// # Errors
     /// CalculiX is missing or failed.

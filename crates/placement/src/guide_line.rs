@@ -16,12 +16,12 @@ pub struct GuideLine {
     weights: Vec<Vec<(usize, f64)>>,
 }
 
-/// Distance below which two points are treated as one, as a fraction of the length of the guideway.
+/// Distance below which two points are treated as one point, as a fraction of the length of the guideway.
 const SAME: f64 = 1e-4;
 
 impl GuideLine {
-    /// Creates the line from the coordinates of the guideway nodes. Without `axis`, the direction is that of the
-    /// greatest length.
+    /// Creates the line from the coordinates of the guideway nodes. Without `axis`, the line has the direction in which
+    /// the guideway is longest.
     ///
     /// The largest gap across the guideway separates the rails. Each rail is interpolated linearly to the points of all
     /// rails. Several nodes of a rail at one position are treated as one.

@@ -27,7 +27,7 @@ pub enum HeatError {
     Singular,
 }
 
-/// Calculates the rise of every node over its initial temperature at the end of the case, K.
+/// Calculates the temperature rise of every node at the end of the load case, K, relative to its initial temperature.
 ///
 /// # Errors
 /// The load case has no solution.
@@ -282,7 +282,8 @@ fn for_each_face_point(mesh: &Mesh, face: Face, mut visit: impl FnMut(&[usize], 
     }
 }
 
-/// Returns an error for a steady load case if a part of the mesh has neither a film nor a prescribed temperature.
+/// Checks a steady load case: every part of the mesh must have a film or a prescribed temperature. Returns an error
+/// otherwise.
 fn anchored(mesh: &Mesh, load: &LoadCase) -> Result<(), HeatError> {
     let joints = mesh.elements.iter().flat_map(|each| each.nodes.iter().map(|node| (each.nodes[0], *node)));
     let part = parts(mesh.nodes.len(), joints);

@@ -29,7 +29,7 @@ pub struct Load {
 }
 
 impl Load {
-    /// Returns the lowest and the highest rise of these nodes, K.
+    /// Returns the lowest and the highest temperature rise of these nodes, K.
     pub(super) fn bounds(&self, nodes: &[usize]) -> (f64, f64) {
         range(nodes.iter().map(|node| self.rise[*node]))
     }
@@ -73,9 +73,9 @@ pub struct Target {
     pub(super) power: f64,
     /// For each block, the temperature rises of its candidate nodes, K, in the order of [`Block::candidates`].
     pub offered: Vec<Vec<f64>>,
-    /// For each block, the mean rise of its nodes, K.
+    /// For each block, the mean temperature rise of its nodes, K.
     pub mean: Vec<f64>,
-    /// For each block, the lowest and highest rise of its nodes, K.
+    /// For each block, the lowest and highest temperature rise of its nodes, K.
     pub bounds: Vec<(f64, f64)>,
 }
 

@@ -27,7 +27,7 @@ use crate::system::System;
 #[cfg(test)]
 mod tests;
 
-/// Periods T, s. The basis contains the fields (K + C/T)⁻¹·F for each of them, in addition to the fields of the steady
+/// Periods T, s. The basis contains the fields (K + C/T)⁻¹·F for each period, in addition to the fields of the steady
 /// state.
 const PERIODS: [f64; 5] = [14_400.0, 3_600.0, 900.0, 180.0, 40.0];
 
@@ -42,7 +42,7 @@ pub enum ReducedError {
         "{0} is not allowed in a plant: heat enters a plant only through fluxes and films on named surfaces"
     )]
     OtherHeat(&'static str),
-    /// A film and a flux have the same name.
+    /// The same name is used for a film and for a flux.
     #[error("`{0}` is both a film and a flux: use a surface with another name for one of them")]
     Twice(String),
     /// The fluxes of a port are zero, or cancel each other.

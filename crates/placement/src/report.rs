@@ -146,7 +146,7 @@ fn crossed(placement: &Placement) -> Markup {
         }
     };
     html! {
-        h2 { "Sensors of one case under the others" }
+        h2 { "Sensors of one load case under the other load cases" }
         p { "µm, RMS over the guideway: each row is one placement, each column the case that tests it." }
         (table(&heads, &rows))
     }

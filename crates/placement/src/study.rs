@@ -45,7 +45,7 @@ pub struct Criteria {
     pub misplaced: f64,
 }
 
-/// A structure under its load cases.
+/// Structure with its blocks and load cases, for which the places of the sensors are selected.
 #[derive(Clone, Debug)]
 pub struct Study {
     /// Mesh of the structure.
@@ -61,7 +61,7 @@ pub struct Study {
     pub parts: Vec<Part>,
     /// Positions allowed for sensors.
     pub reach: Reach,
-    /// Load cases, at least one.
+    /// Load cases; the list has at least one.
     pub loads: Vec<Load>,
 }
 
@@ -154,7 +154,7 @@ pub struct CaseResult {
     pub read_mm: Vec<f64>,
 }
 
-/// Sensors that a method has placed for one load case, with their error on every load case.
+/// Sensors that a method has placed for one load case or for all load cases, with their error on every load case.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct CrossCase {
     /// Method that placed the sensors.

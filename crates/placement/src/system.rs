@@ -40,7 +40,7 @@ pub(super) struct System<const WIDTH: usize> {
 }
 
 impl<const WIDTH: usize> System<WIDTH> {
-    /// Creates a matrix of zeros over the free nodes, that is, those that are not `held`.
+    /// Creates a matrix of zeros over the free nodes. A node is free if its value in `held` is `false`.
     pub(super) fn new(graph: &Graph, xyz: &[[f64; 3]], held: &[bool]) -> Self {
         let nodes: Vec<usize> = (0..xyz.len()).filter(|node| !held[*node]).collect();
         let mut free = vec![None; xyz.len()];
@@ -96,7 +96,7 @@ impl<const WIDTH: usize> System<WIDTH> {
         Self { pattern: Arc::clone(&self.pattern), values: vec![0.0; self.values.len()] }
     }
 
-    /// Returns this matrix plus a multiple of another one over the same nodes.
+    /// Returns this matrix plus `factor` times another matrix over the same nodes.
     pub(super) fn plus(&self, factor: f64, other: &Self) -> Self {
         let sum = self.values.iter().zip(&other.values).map(|(own, other)| own + factor * other).collect();
         Self { pattern: Arc::clone(&self.pattern), values: sum }

@@ -25,7 +25,7 @@ use crate::interface::{
 mod command;
 mod discovery;
 
-/// Maximum number of events whose delivery is not confirmed. If there are more, the oldest events count as delivered.
+/// Maximum number of events whose delivery is not confirmed. If more events wait, the oldest events count as delivered.
 const MOST_RECENT: usize = 1000;
 
 /// Settings of the JSON messages.

@@ -66,13 +66,13 @@ use crate::interface::{
     Subscription,
 };
 
-/// Minimum time between two births. A host may request them more often.
+/// Minimum time between two birth messages. A host may request birth messages more often.
 const BETWEEN_BIRTHS: std::time::Duration = std::time::Duration::from_secs(1);
 
 /// Approximate maximum size of a message or record, in bytes. More metrics are divided into several messages.
 const BYTES_IN_ONE: usize = 32 * 1024;
 
-/// Maximum number of events that wait for a delayed birth message. If there are more, the oldest events are lost.
+/// Maximum number of events that wait for a delayed birth message. If more events wait, the oldest events are lost.
 const MOST_WAITING_EVENTS: usize = 256;
 
 /// Sparkplug edge node: the publisher of this message format.

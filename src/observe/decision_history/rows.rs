@@ -64,8 +64,8 @@ pub(super) fn rows(log: &Path, from: Moment) -> Option<(Vec<String>, impl Iterat
     Some((names, rows.into_byte_records().map_while(Result::ok).map(Row)))
 }
 
-/// Returns a file position before which all rows are earlier than `from`. The rows must be ordered by time, one on each
-/// line.
+/// Returns a file position before which all rows are earlier than `from`. The rows must be ordered by time, with one
+/// row on each text line.
 fn begin(file: &mut BufReader<File>, first: u64, from: Moment) -> std::io::Result<u64> {
     let (mut low, mut high) = (first, file.get_ref().metadata()?.len());
     let mut line = Vec::new();

@@ -48,7 +48,7 @@ pub struct Acknowledgement {
 /// Alarms that an event has raised or ended, by their subjects.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Change {
-    /// Alarm that was raised; `None` if the event raises none.
+    /// Alarm that was raised; `None` if the event raises no alarm.
     pub raised: Option<String>,
     /// Alarms that were active and have ended.
     pub ended: Vec<String>,

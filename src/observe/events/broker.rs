@@ -110,8 +110,8 @@ impl Broker {
             }
             Broker::PublishDenied { broker, topic } => {
                 let why = format!(
-                    "{broker} closed the connection three times after a message to this topic; nothing more is \
-                     published to it"
+                    "{broker} closed the connection three times after a message to this topic; nothing more \
+                     is published to this topic"
                 );
                 caused(topic, why).of(EventKind::BrokerPublishDenied)
             }

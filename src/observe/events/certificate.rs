@@ -18,7 +18,7 @@ pub struct Expiry {
     pub file: String,
     /// Owner of the certificate.
     pub whose: CertificateOwner,
-    /// End of its validity.
+    /// End of the validity of the certificate.
     #[serde(serialize_with = "in_text")]
     pub until: Moment,
     /// Whether the certificate has expired.
@@ -34,7 +34,7 @@ pub struct EarlyCertificate {
     pub file: String,
     /// Owner of the certificate.
     pub whose: CertificateOwner,
-    /// Begin of its validity.
+    /// Begin of the validity of the certificate.
     #[serde(serialize_with = "in_text")]
     pub from: Moment,
 }
@@ -52,7 +52,7 @@ pub enum CertificateOwner {
     /// Certificate of the gateway's own OPC UA server.
     #[serde(rename = "opcua-server")]
     OwnServer,
-    /// Certificate of a client of the gateway's own OPC UA server, or of its user.
+    /// Certificate of a client of the gateway's own OPC UA server, or of the user of this client.
     Client,
 }
 

@@ -40,7 +40,7 @@ fn about(span: Duration) -> String {
     format!("{} s", tenths / 10.0)
 }
 
-/// Joins the first five names, and adds the number of the others, for example `a, b, c, d, e and 3 more`.
+/// Joins the first five names, and adds the number of the remaining names, for example `a, b, c, d, e and 3 more`.
 fn listed(names: &[String]) -> String {
     let named = names.iter().take(5).map(String::as_str).collect::<Vec<_>>().join(", ");
     match names.len().saturating_sub(5) {
@@ -356,8 +356,8 @@ events! {
         WaitsForLateWrite { output: String, seconds: u64 } => caused(
             format!("output {output}"),
             format!(
-                "waiting for a late write, {seconds} s at most: if this write arrived after the next write, the step \
-                 of the axis could be too large"
+                "waiting for a late write, {seconds} s at most: if this write arrived after the next write, the axis \
+                 could step too far"
             )
         );
         WaitsAfterStart {
@@ -402,7 +402,7 @@ events! {
             plain(format!("output {output}: the operator has confirmed its new register"));
         ReferenceForgotten { signal: String, why: Explained } => caused("", why.clone());
         NamespaceRecorded { bus: String, index: u16, uri: String } =>
-            plain(format!("bus {bus}: ns={index} is {uri}; the gateway saves this URI"));
+            plain(format!("bus {bus}: the OPC UA namespace ns={index} is {uri}; the gateway saves this URI"));
         NamespaceMoved { bus: String, uri: String, from: u16, to: u16 } => {
             let cause = format!(
                 "namespace {uri} is ns={to} at the server, not ns={from}; the gateway uses the nodes at the new index"
@@ -487,8 +487,8 @@ events! {
         } => caused(
             format!("bus {bus}"),
             format!(
-                "the Modbus gateway waits for a silent unit: the timeout of the Modbus gateway (about {}) is longer than \
-                 `timeout` ({})",
+                "the Modbus gateway waits for a device that does not answer: the timeout of the Modbus gateway (about {}) \
+                 is longer than `timeout` ({})",
                 about(*own),
                 duration_text(*timeout)
             )

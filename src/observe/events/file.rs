@@ -87,8 +87,8 @@ impl End {
         self.length
     }
 
-    /// Formats the next line of the file, and returns it with the new end. If the file ends in the middle of a line,
-    /// the text begins with a line break.
+    /// Formats the next line of the file. Returns the text of the line, and the state at the new end of the file. If
+    /// the file ends in the middle of a line, the text begins with a line break.
     pub fn line(&self, entry: &Entry) -> (String, End) {
         let (count, after) = (self.count + 1, self.seal.clone());
         // Numbers and texts always have a JSON form.
@@ -102,11 +102,11 @@ impl End {
     }
 }
 
-/// Reads the file of a day, and passes each event and each damage to `found`. Returns the end, from which the next line
-/// continues.
+/// Reads the file of a day, and passes each event and each damage to `found`. Returns the state at the end of the file,
+/// from which the next line is made.
 ///
 /// # Errors
-/// The file exists and cannot be read, or is no regular file.
+/// The file exists and cannot be read, or is not a regular file.
 pub fn read(path: &Path, mut found: impl FnMut(FileItem)) -> std::io::Result<End> {
     let mut end = End::of_nothing(path);
     let mut text = Vec::new();
@@ -146,7 +146,7 @@ pub fn read(path: &Path, mut found: impl FnMut(FileItem)) -> std::io::Result<End
     Ok(end)
 }
 
-/// Parses a line of the event file; `None` if the line is no event. Returns the content of the line and its seal
+/// Parses a line of the event file; `None` if the line is not an event. Returns the content of the line and its seal
 /// (checksum). The seal is `Err` if it is not the checksum of the line.
 fn sealed(text: &str) -> Option<(Line, Result<String, String>)> {
     let line = serde_json::from_str(text).ok()?;
@@ -198,7 +198,7 @@ pub fn machines(directory: &Path) -> std::io::Result<Vec<String>> {
 /// `2026-01-31T18:00:00Z`.
 ///
 /// # Errors
-/// The text is neither. The error is a sentence that describes the format.
+/// The text is not a duration and not a time. The error is a sentence that describes the format.
 pub fn begin(text: &str, now: Moment) -> Result<Moment, String> {
     if let Ok(span) = humantime::parse_duration(text) {
         return Ok(now.before(span));

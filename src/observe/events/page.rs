@@ -17,7 +17,7 @@ pub enum PagePort {
         /// Reason as a sentence.
         why: String,
     },
-    /// The web page does not listen, because a token or its certificate cannot be used.
+    /// The web page does not listen, because one of its tokens or its certificate cannot be used.
     NotServed {
         /// Host and port.
         listen: String,

@@ -184,8 +184,8 @@ impl Access {
         self.tokens.has(Role::Viewer) || self.tokens.has(Role::Operator)
     }
 
-    /// Returns whether a client may still read. This is so while its token is unchanged, or while its session is open.
-    /// In a viewer's session, an open live stream counts as use.
+    /// Returns whether a client may still read. The client may read while its token is unchanged, or while its session
+    /// is open. In a viewer's session, an open live stream counts as use.
     pub(super) fn is_still(&self, pass: &Grant) -> bool {
         match pass.by {
             By::Local => true,

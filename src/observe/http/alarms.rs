@@ -1,5 +1,5 @@
-//! `POST /api/acknowledge?alarm=signal%20bed`: acknowledges the alarm of this name. Without a name, all active alarms
-//! are acknowledged.
+//! `POST /api/acknowledge?alarm=signal%20bed`: acknowledges the alarm with the identifier `signal bed`. Without the
+//! parameter `alarm`, all active alarms are acknowledged.
 
 use axum::extract::{ConnectInfo, RawQuery, State};
 use axum::http::HeaderMap;

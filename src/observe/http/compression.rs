@@ -89,8 +89,8 @@ fn accepts_gzip(headers: &HeaderMap) -> bool {
     names_gzip(given.flat_map(|line| line.split(',')))
 }
 
-/// Returns whether the encodings that a client accepts include gzip. The weight of `gzip` has precedence over that of
-/// `*`.
+/// Returns whether the encodings that a client accepts include gzip. The weight of `gzip` has precedence over the
+/// weight of `*`.
 fn names_gzip<'a>(encodings: impl Iterator<Item = &'a str>) -> bool {
     let (mut gzip, mut any) = (None, None);
     for one in encodings {

@@ -23,7 +23,7 @@ pub struct Limits {
     pub body: Duration,
     /// Timeout of a connection between two requests.
     pub idle: Duration,
-    /// Timeout of an answer while the client accepts no byte of it.
+    /// Timeout while an answer is sent and the client accepts no byte of the answer.
     pub stall: Duration,
 }
 
@@ -104,7 +104,7 @@ impl Drop for Permit {
 }
 
 /// Returns the address under which a client is counted. For IPv6, this is the network, because each user has a whole
-/// network. Each loopback address is counted on its own: a local user could exhaust the computer in other ways anyway.
+/// network. Each loopback address is counted separately. A local user can overload the computer in other ways anyway.
 fn counted(address: IpAddr) -> IpAddr {
     match address.to_canonical() {
         IpAddr::V6(address) if !address.is_loopback() => {

@@ -1,4 +1,5 @@
-//! `GET /api/events?since=12h`: events since this time, including those before the last restart.
+//! `GET /api/events?since=12h`: the events of a time range, here of the last twelve hours. Events of earlier runs of
+//! the gateway are included.
 
 use std::collections::VecDeque;
 use std::sync::Arc;

@@ -155,8 +155,8 @@ impl RejectedCount {
         if self.said.is_none_or(|said| now >= said + EVERY) {
             let count = counted(self.count, "connection");
             tracing::warn!(
-                "the web page closed {count} at once: the limit of {connections} connections, or that of one \
-                 address, is reached"
+                "the web page closed {count} at once: the limit of {connections} connections, or the limit \
+                 for one address, is reached"
             );
             (self.count, self.said) = (0, Some(now));
         }

@@ -45,7 +45,8 @@ pub(super) enum Route {
     Ready,
 }
 
-/// All routes except those of commands, with their paths and methods. A name in braces stands for any part of a path.
+/// All routes except the routes of commands, with their paths and methods. A name in braces stands for any part of a
+/// path.
 const FIXED: [(Route, &str, &[&str]); 15] = [
     (Route::Front, "/", &["GET"]),
     (Route::File, "/page/{file}", &["GET"]),

@@ -1,8 +1,9 @@
 //! Files that show what earlier runs have published.
 //!
-//! The death number (bdSeq) of a Sparkplug node must follow that of the last run. For JSON messages, the broker retains
-//! the last message of each topic. If a topic is no longer published, its last message would look current forever. The
-//! topics are therefore saved, and the next run clears the topics that it does not publish.
+//! The death number (bdSeq) of a Sparkplug node must follow the last death number of the previous run. For JSON
+//! messages, the broker retains the last message of each topic. If a topic is no longer published, its last message
+//! would look current forever. The topics are therefore saved, and the next run clears the topics that it does not
+//! publish.
 
 use std::collections::BTreeSet;
 use std::path::Path;

@@ -461,7 +461,7 @@ impl Runner {
         }
     }
 
-    /// Publishes the last state and the end of the gateway, within [`LAST_PATIENCE`].
+    /// Publishes the last state, and that the gateway has ended. Waits at most [`LAST_PATIENCE`].
     async fn end(&mut self, mut connection: impl Connection) {
         let now = self.clock.time_of_day();
         let snapshot = self.snapshot_in_order(now);
@@ -497,9 +497,9 @@ impl Runner {
         tokio::time::timeout(LAST_PATIENCE, last).await == Ok(true)
     }
 
-    /// Publishes the end of the machine or node and closes the connection, because the primary host is offline or the
-    /// gateway stops. The values of the last minutes are stored again, because the host may not have received them: the
-    /// broker reports a dead host only after a while.
+    /// Publishes that the machine or node is offline, and closes the connection, because the primary host is offline or
+    /// the gateway stops. The values of the last minutes are stored again, because the host may not have received them.
+    /// The broker reports a dead host only after a while.
     async fn leaves(&mut self, mut connection: impl Connection) {
         self.outbox.clear();
         let now = self.clock.time_of_day();

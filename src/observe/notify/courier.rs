@@ -18,7 +18,7 @@ const TOLD: u32 = 2;
 /// Timeouts and retries of a delivery.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Rules {
-    /// Maximum time in which a server must accept a message.
+    /// Time within which a server must accept a message.
     pub timeout: Duration,
     /// Pause after the first of consecutive failures. Each further pause is twice as long.
     pub first_pause: Duration,

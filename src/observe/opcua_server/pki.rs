@@ -1,5 +1,5 @@
-//! Directory of the certificates, in the form that the OPC UA library requires: the certificate of the server, those of
-//! trusted clients, and those of refused clients.
+//! Directory of the certificates, in the form that the OPC UA library requires. The directory contains the certificates
+//! of the server, of trusted clients, and of refused clients.
 //!
 //! The directory is made again at each start from the files of the profile, so that only the clients of the profile are
 //! trusted. The library stores the certificate of each refused client. An attacker could fill the disk with such

@@ -40,7 +40,8 @@ impl Refusals {
         std::mem::take(&mut *locked(&self.clients))
     }
 
-    /// Returns the number of refused logins and the user name of the last one. The count begins again at zero.
+    /// Returns the number of refused logins, and the user name of the last refused login. The count begins again at
+    /// zero.
     pub(super) fn take(&self) -> (u64, String) {
         std::mem::take(&mut *locked(&self.logins))
     }

@@ -20,7 +20,7 @@ pub(super) const LOOK_EVERY: Duration = Duration::from_secs(1);
 pub(super) struct Reports {
     login: Option<Duration>,
     client: Option<Duration>,
-    /// Refused clients that are not reported yet: the last one, and the number of the others.
+    /// Refused clients that are not reported yet: the last refused client, and the number of further clients.
     waiting: Option<(RejectedClient, u64)>,
 }
 

@@ -23,7 +23,7 @@ const MOST_NODES: usize = 10_000;
 /// Maximum number of nodes that are read in one call. The library stores all values until it sends them, and a value
 /// may be an array of texts.
 const MOST_READ: usize = 2_000;
-/// Lower bound of the maximum number of nodes in one subscription.
+/// Smallest value of the maximum number of nodes in one subscription, even if the machine has few nodes.
 const FEW_NODES: usize = 1_000;
 /// Maximum number of subscriptions of one login.
 const MOST_SUBSCRIPTIONS: usize = 4;
@@ -32,9 +32,9 @@ const MOST_SUBSCRIPTIONS: usize = 4;
 const MOST_QUEUED: usize = 10;
 /// Maximum number of chunks of a message, each of 64 kB.
 const MOST_CHUNKS: usize = 32;
-/// Maximum size of a chunk in bytes. The server states it to clients when they connect.
+/// Maximum size of a chunk in bytes. The server reports this size to clients when they connect.
 pub(super) const CHUNK: usize = 65_535;
-/// Upper bound of the minimum publishing interval that a client can request, in milliseconds.
+/// Maximum value, in milliseconds, of the shortest publishing interval that the server allows.
 const LONGEST_PUBLISHING_MS: f64 = 1000.0;
 /// Path of every endpoint.
 const PATH: &str = "/";

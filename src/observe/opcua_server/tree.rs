@@ -163,8 +163,8 @@ impl Tree {
         self.variables.push(Variable { id, parent: parent.to_owned(), name, kind, unit, about, source });
     }
 
-    /// Adds the nameplate of the machine and that of the gateway, which is a component of the machine. The nameplates
-    /// have the form of OPC 40001-1.
+    /// Adds two nameplates: one for the machine, and one for the gateway, which is a component of the machine. The
+    /// nameplates have the form of OPC 40001-1.
     fn nameplates(&mut self, status: &Status) {
         let named = if status.label.is_empty() { &status.machine } else { &status.label };
         self.property((MACHINE, IDENTIFICATION), "ComponentName", named, "Displayed name of the machine.");

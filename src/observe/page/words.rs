@@ -48,7 +48,8 @@ impl Words {
     }
 }
 
-/// Returns the languages in a header such as `de-CH,de;q=0.9,en;q=0.8`, without countries, the preferred one first.
+/// Returns the languages in a header such as `de-CH,de;q=0.9,en;q=0.8`, without countries, the preferred language
+/// first.
 fn preferred(accepted: &str) -> Vec<&str> {
     let mut wanted: Vec<(f64, &str)> = accepted
         .split(',')

@@ -29,7 +29,7 @@ pub struct Line {
     pub points: Vec<(f64, f64)>,
 }
 
-/// Maximum number of points of a line. A printer cannot resolve more at this width.
+/// Maximum number of points of a line. A printer cannot resolve more points in the width of a chart.
 const MOST_POINTS: usize = 200;
 /// Maximum number of points of a [`LineStyle::Faint`] line.
 const MOST_POINTS_FAINT: usize = 80;

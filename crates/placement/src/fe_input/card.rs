@@ -17,7 +17,7 @@ use crate::mesh::AXES;
 pub(super) struct Location {
     file: Rc<Path>,
     pub(super) line: usize,
-    /// Keyword of the card, with its asterisk.
+    /// Keyword of the card at this location, with its asterisk.
     card: Rc<str>,
 }
 
@@ -123,7 +123,7 @@ pub(super) fn quoted(text: &str) -> String {
     }
 }
 
-/// A card with its data.
+/// Card: a keyword with its parameters and data lines.
 #[derive(Debug)]
 pub(super) struct Card {
     pub(super) at: Location,
@@ -205,7 +205,7 @@ pub(super) fn read(path: &Path, faults: &mut Faults) -> Vec<Card> {
 struct Gathering<'f> {
     cards: Vec<Card>,
     faults: &'f mut Faults,
-    /// Number of reads of each file, by its device and inode number.
+    /// Number of times that each file was read. The key is the device number and the inode number of the file.
     taken: HashMap<(u64, u64), usize>,
     bytes: u64,
 }

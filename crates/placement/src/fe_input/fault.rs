@@ -12,7 +12,7 @@ pub struct Fault {
     pub file: PathBuf,
     /// Line, from 1; `None` if the error concerns the whole file.
     pub line: Option<usize>,
-    /// Card with its asterisk; empty if the error concerns no card.
+    /// Keyword of the card with the error, with its asterisk; empty if the error concerns no card.
     pub card: String,
     /// Cause and remedy in one sentence.
     pub message: String,
@@ -41,7 +41,7 @@ impl fmt::Display for Fault {
 /// All errors in an FE input file. The first errors are stored with their messages; further errors are only counted.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Faults {
-    /// Described errors, in the order in which they were found.
+    /// Errors with their messages, in the order in which they were found.
     pub described: Vec<Fault>,
     /// Number of further errors, whose messages are not stored.
     pub more: usize,
@@ -49,8 +49,8 @@ pub struct Faults {
 
 /// Maximum number of errors that the printed text lists.
 const SHOWN: usize = 20;
-/// Maximum number of described errors; further errors are only counted. A mesh without its nodes has an error in every
-/// line.
+/// Maximum number of errors that are stored with their messages; further errors are only counted. A mesh without its
+/// nodes has an error in every line.
 const MOST_DESCRIBED: usize = 10_000;
 /// Maximum length of a message in characters. A message may quote a long text of a file.
 const LONGEST_SENTENCE: usize = 800;

@@ -11,7 +11,7 @@ enum Remedy {
     Gmsh,
     /// The file contains only geometry, which Gmsh divides into a mesh.
     GmshMeshes,
-    /// `meshio convert` with this input format.
+    /// The command `meshio convert` converts the file; contains the input format for the command.
     Meshio(&'static str),
     /// Any other way, described in a sentence.
     By(&'static str),

@@ -9,8 +9,8 @@ use super::temperature::{self, Scale};
 use super::{Fault, SurfaceNames};
 use crate::body::{Case, Film, Flux, LoadCase};
 
-/// Reads the card of the step. A coupled step is read as heat transfer: its displacements are computed from its
-/// temperatures.
+/// Reads the card of the step. A coupled step (temperatures and displacements) is read as heat transfer, because
+/// isotherm computes the displacements from the temperatures.
 pub(super) fn heat_transfer(reader: &mut Reader, card: &Card) -> Result<(), Fault> {
     if reader.case.is_some() {
         return Err(card.fault("the step has this card already: remove one of the two cards"));
@@ -185,7 +185,7 @@ fn held(line: &Line, scale: Option<Scale>) -> Result<Held, Fault> {
     Ok(Held::Directions(directions))
 }
 
-/// Reads `*BOUNDARY`, before the step or in it.
+/// Reads `*BOUNDARY`, which may be before the step or in the step.
 pub(super) fn boundary(reader: &mut Reader, card: &Card) -> Result<(), Fault> {
     let is_new = card.value("OP").is_some_and(|op| op == "NEW");
     match &reader.kept_boundary {

@@ -66,8 +66,8 @@ pub(super) fn property(reader: &mut Reader, card: &Card) -> Result<(), Fault> {
     Ok(())
 }
 
-const CONSTANT: &str =
-    "a material that changes with temperature is not read: give the value at working temperature";
+const CONSTANT: &str = "material values that depend on the temperature are not supported: write the value at the \
+                        working temperature";
 
 /// Returns the values of a property card with the names of their properties.
 fn values(card: &Card) -> Result<Vec<(&'static str, f64)>, Fault> {
@@ -108,11 +108,11 @@ fn value(line: &Line, place: usize, name: &str) -> Result<f64, Fault> {
     let (least, most, unit) = bounds(name);
     if !(least..=most).contains(&value) {
         return Err(line.fault(format!(
-            "the {name} is {value:e}, which cannot be in {unit}: the file is read in mm, N, s, t and K"
+            "the {name} is {value:e}, which is not plausible in {unit}: the units of the file must be mm, N, s, t and K"
         )));
     }
     if name == POISSON && !(value > -1.0 && value < 0.5) {
-        return Err(line.fault(format!("Poisson's ratio is {value}; it lies between -1 and 0.5")));
+        return Err(line.fault(format!("Poisson's ratio is {value}; it must be between -1 and 0.5")));
     }
     Ok(value)
 }

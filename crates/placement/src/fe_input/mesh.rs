@@ -28,9 +28,9 @@ pub(super) fn nodes(reader: &mut Reader, card: &Card) -> Result<(), Fault> {
     Ok(())
 }
 
-/// Element types by kind of solid, with the number of nodes. Types with `None` are lines and surfaces of the geometry,
-/// which only name a location. Types for heat transfer (`DC3D10`), for coupled steps (`C3D10T`), and of other
-/// formulations (`C3D10MH`, which meshio writes) have the shape of the others.
+/// Names of element types with the same shape, with the kind of solid and the number of nodes. `None` means a line or
+/// surface of the geometry, which only names a location. Each list includes the types for heat transfer (`DC3D10`), for
+/// coupled steps (`C3D10T`), and with other formulations (`C3D10MH`, which meshio writes).
 const TYPES: [(&str, Option<Kind>, usize); 6] = [
     ("C3D4 DC3D4 C3D4T C3D4H", Some(Kind::Tet4), 4),
     (

@@ -26,7 +26,7 @@ pub(super) struct Reader {
     /// Location of each element in the files.
     pub(super) element_at: Vec<Location>,
     /// Outlines: lines and surfaces of the geometry, with their numbers and nodes. In sets, the indices of outlines
-    /// follow those of the elements.
+    /// begin after the last index of an element.
     pub(super) outlines: Vec<(u32, Vec<usize>)>,
     outline_numbers: HashMap<u32, usize>,
     /// Sets that `*NODE` (true) or `*ELEMENT` (false) defines: name, and numbers of the members.
@@ -41,9 +41,9 @@ pub(super) struct Reader {
     /// Members of the node sets (`true`) and element sets (`false`) that several cards define together. A file may have
     /// one card for each member.
     continued: HashMap<(bool, String), HashSet<usize>>,
-    /// Initial temperature of each node, °C; `None` if the file has not set one.
+    /// Initial temperature of each node, °C; `None` if the file has not set this temperature.
     pub(super) initial: Vec<Option<f64>>,
-    /// Scale of the initial temperatures; `None` before the first of them.
+    /// Scale of the initial temperatures (°C or kelvin); `None` before the first initial temperature is read.
     pub(super) scale: Option<Scale>,
     /// Location of the first `*BOUNDARY` without `OP=NEW`.
     pub(super) kept_boundary: Option<Location>,
@@ -192,7 +192,7 @@ impl Reader {
         ids.into_iter().filter_map(|id| Some((id, self.member(of_nodes, id)?))).collect()
     }
 
-    /// Adds nodes or elements to a set. Each one occurs once in the set, in the order of the file.
+    /// Adds nodes or elements to a set. Each member occurs once in the set, in the order of the file.
     pub(super) fn add_to_set(&mut self, of_nodes: bool, name: String, mut members: Vec<usize>) {
         let sets = if of_nodes { &mut self.mesh.node_sets } else { &mut self.mesh.element_sets };
         if let Some(set) = sets.get_mut(&name) {

@@ -3,7 +3,7 @@
 use super::Fault;
 use super::card::Line;
 
-/// Scale of all temperatures of a file.
+/// Scale of all temperatures of a file: °C or kelvin.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Scale {
     Celsius,

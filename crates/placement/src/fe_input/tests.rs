@@ -170,7 +170,7 @@ fn what_is_wrong_is_said_with_line_card_and_remedy() {
         (
             "110000,",
             "1.1e11,",
-            "case.inp:14: *ELASTIC: the Young's modulus is 1.1e11, which cannot be in MPa",
+            "case.inp:14: *ELASTIC: the Young's modulus is 1.1e11, which is not plausible in MPa",
         ),
         ("*SOLID SECTION, ELSET=BODY, MATERIAL=IRON\n", "", "1 elements have no material, the first is 1"),
         ("MATERIAL=IRON", "MATERIAL=STEEL", "*SOLID SECTION: material STEEL is not defined"),

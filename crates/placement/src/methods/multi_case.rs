@@ -68,7 +68,7 @@ pub fn multi_case(problem: &Problem, cases: &[usize], tolerance: Tolerance, effo
     best.map(|(_, places)| places).unwrap_or_default()
 }
 
-/// Returns the effect of the noise of all sensors on the guideway, µm RMS. `noise` is that of one sensor, K.
+/// Returns the effect of the noise of all sensors on the guideway, µm RMS. `noise` is the noise of one sensor, K.
 #[must_use]
 pub fn noise_um(problem: &Problem, noise: f64) -> f64 {
     noise * (problem.matrix.norm_squared() / problem.rows().max(1.0)).sqrt()
@@ -101,8 +101,8 @@ struct Search<'a> {
     cases: &'a [Alone<'a>],
     /// Weights of all load cases, 1/µm².
     weights: Vec<f64>,
-    /// For each block, the temperature rises of its candidate nodes, K: all load cases of the first candidate, then of
-    /// the next.
+    /// For each block, the temperature rises of its candidate nodes, K: all load cases of the first candidate, then all
+    /// load cases of the next candidate.
     offered: Vec<Vec<f64>>,
 }
 

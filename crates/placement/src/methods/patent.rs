@@ -26,7 +26,7 @@ pub struct Round {
     pub rms_um: f64,
 }
 
-/// Block temperatures and the rounds that led to them.
+/// Result of the iteration: the block temperatures and the rounds.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Iterated {
     /// Block temperatures θg that the iteration has reached (rises, K).

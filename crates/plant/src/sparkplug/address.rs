@@ -27,7 +27,7 @@ pub enum Verb {
 }
 
 impl Address {
-    /// Creates the address of an edge node.
+    /// Creates the address of an edge node from the names of its group and node.
     ///
     /// # Errors
     /// The group or the node contains a character that MQTT does not allow in a topic. The message names it.

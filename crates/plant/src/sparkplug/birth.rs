@@ -20,7 +20,7 @@ pub(super) const EVENT: &str = "gateway/event";
 /// Last part of the name of the metric by which hosts send the measured error of an axis: `axis/z/measured_error_um`.
 const MEASURED: &str = "measured_error_um";
 
-/// Codes of the property `Quality`: `BAD` if the value is unknown, and another code when it is valid again.
+/// Codes of the property `Quality`: `BAD` if the value is unknown, and `GOOD` when the value is valid again.
 pub(super) const BAD: i64 = 0;
 pub(super) const GOOD: i64 = 192;
 

@@ -5,8 +5,8 @@
 /// the numbers begin again at 0.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct DeathNumber {
-    /// Death number in the last CONNECT packet that was sent, in this run or an earlier one; `None` if none was ever
-    /// sent.
+    /// Death number in the last CONNECT packet that was sent, in this run or an earlier one; `None` if no packet was
+    /// ever sent.
     sent: Option<u8>,
     /// Death number of the last will message and of its birth messages.
     current: u8,

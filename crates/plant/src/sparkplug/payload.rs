@@ -14,7 +14,7 @@ pub struct Payload {
     /// Metrics of the message.
     #[prost(message, repeated, tag = "2")]
     pub metrics: Vec<Metric>,
-    /// Sequence number since the birth: 0 to 255, then again from 0. Deaths and commands have none.
+    /// Sequence number since the birth: 0 to 255, then again from 0. Deaths and commands have no sequence number.
     #[prost(uint64, optional, tag = "3")]
     pub seq: Option<u64>,
 }
