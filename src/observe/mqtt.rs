@@ -208,7 +208,7 @@ pub fn kept_in(state: &Path, machine: &str) -> PathBuf {
     state.join(format!("{machine}-mqtt"))
 }
 
-/// Parses a time in the format of the status. Returns `None` if it is invalid.
+/// Parses a time in the format of the status. Returns `None` if the text is invalid.
 fn moment(text: &str) -> Option<Moment> {
     let stamp: jiff::Timestamp = text.parse().ok()?;
     u64::try_from(stamp.as_nanosecond()).ok().map(Moment::from_nanos)

@@ -11,7 +11,7 @@ pub struct Material {
     pub young: f64,
     /// Poisson's ratio.
     pub poisson: f64,
-    /// Linear thermal expansion, 1/K.
+    /// Coefficient of linear thermal expansion, 1/K.
     pub expansion: f64,
     /// Thermal conductivity, mW/(mm·K).
     pub conductivity: f64,

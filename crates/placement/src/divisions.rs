@@ -18,7 +18,7 @@ use crate::structure::Adjoint;
 #[derive(Debug)]
 pub struct Floors<'a> {
     mesh: &'a Mesh,
-    /// Response of each guideway component to the rise of every node, mm/K.
+    /// For each guideway node and evaluated direction, the displacement per kelvin of each node of the mesh, mm/K.
     rows: Vec<&'a [f64]>,
     loads: &'a [Load],
     /// Displacement of the guideway in each load case, µm.

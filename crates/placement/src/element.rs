@@ -32,9 +32,9 @@ const NEAR: f64 = 0.138_196_601_125_010_5;
 const FAR: f64 = 0.585_410_196_624_968_5;
 const SIXTH: f64 = 1.0 / 6.0;
 
-/// Returns the integration points of the volume. One point is exact for linear functions, four for quadratic ones.
-/// These are few points for the heat capacity. However, CalculiX uses the same points, and the total stored heat is
-/// exact.
+/// Returns the integration points of the volume. One point is exact for linear functions, and four points are exact for
+/// quadratic functions. These are few points for the heat capacity. However, CalculiX uses the same points, and the
+/// total stored heat is exact.
 const fn volume_rule(kind: Kind) -> Rule<3> {
     match kind {
         Kind::Tet4 => &[([0.25; 3], SIXTH)],
@@ -54,7 +54,7 @@ const fn face_rule(kind: Kind) -> Rule<2> {
     }
 }
 
-/// Corners of the edges whose midpoints are the nodes 5 to 10. The first three edges are those of a triangle.
+/// Corners of the edges whose midpoints are the nodes 5 to 10. The first three edges are also the edges of a triangle.
 pub(super) const EDGES: [[usize; 2]; 6] = [[0, 1], [1, 2], [2, 0], [0, 3], [1, 3], [2, 3]];
 
 impl<const D: usize> Shape<D> {

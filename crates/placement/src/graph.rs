@@ -10,7 +10,7 @@ use crate::mesh::{Mesh, count};
 /// Neighbours of each node, ascending, without the node itself.
 pub(super) struct Graph(Vec<Vec<usize>>);
 
-/// Number of nodes up to which a set is not divided further, because another cut would cost more than it saves.
+/// Number of nodes up to which a set is not divided further, because another cut would take more time than it saves.
 const LEAF: usize = 20;
 
 /// Weight of the size difference between the two sides in the cost of a cut. The weight is low, because a small

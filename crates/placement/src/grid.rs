@@ -17,8 +17,8 @@ pub struct Grid {
 }
 
 impl Grid {
-    /// Meshes the grid cells for whose centres `kept` returns true. `moved` maps each corner to its position. All
-    /// coordinates are in mm.
+    /// Meshes the grid cells. A cell is included if `kept` returns true for its centre. `moved` maps each corner to its
+    /// position. All coordinates are in mm.
     #[must_use]
     pub fn mesh(
         &self,

@@ -39,7 +39,7 @@ pub struct Criteria {
     pub method: Method,
     /// Load case for `patent` and `bounded`; `None` for the case with the largest displacement of the guideway.
     pub case: Option<usize>,
-    /// Errors that are negligible, and end the calculation of a method.
+    /// Limits below which errors are negligible. A method ends when it reaches its limit.
     pub tolerance: Tolerance,
     /// Assumed distance of each sensor from its calculated place, mm.
     pub misplaced: f64,

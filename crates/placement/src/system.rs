@@ -168,7 +168,7 @@ impl System<1> {
     }
 }
 
-/// Cholesky factor of a system, with which it is solved for any right-hand side.
+/// Cholesky factor of a system of equations. The factor solves the system for any right-hand side.
 pub(super) struct Factor<const WIDTH: usize> {
     pattern: Arc<Pattern>,
     symbolic: Arc<SymbolicCholesky<usize>>,

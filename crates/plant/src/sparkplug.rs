@@ -184,7 +184,7 @@ impl Sparkplug {
         messages
     }
 
-    /// Converts `now` to wall-clock time, and stores the shift of the snapshot.
+    /// Converts `now` to wall-clock time, and stores the difference between both clocks from the snapshot.
     fn stamp(&mut self, now: Moment, snapshot: &Snapshot) -> Moment {
         self.shift = snapshot.shift;
         now.shifted(self.shift)

@@ -25,7 +25,7 @@ use isotherm_profile::safe_file::without_numbers;
 const SINCE: &str = "12h";
 /// Maximum number of events in an answer. `isotherm events` shows all.
 const MOST: usize = 10_000;
-/// Maximum time that a request waits for its permit to read the events.
+/// Maximum time for which a request waits for the permit to read the events.
 const PATIENCE: Duration = Duration::from_secs(10);
 
 /// Events of a time range.

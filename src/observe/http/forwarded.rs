@@ -122,8 +122,8 @@ fn usual(headers: &HeaderMap, trusted: &[IpNetwork]) -> Report {
     }
 }
 
-/// Returns the address of the client, and the number of entries from trusted proxies. The client is `None` if the last
-/// proxy does not report it.
+/// Returns the address of the client, and the number of entries from trusted proxies. The address is `None` if the last
+/// proxy does not report the client.
 fn walk(nodes: &[Option<IpAddr>], trusted: &[IpNetwork]) -> (Option<IpAddr>, usize) {
     let (mut client, mut count) = (None, 0);
     for node in nodes.iter().rev() {

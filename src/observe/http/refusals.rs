@@ -10,7 +10,7 @@ use std::time::Duration;
 /// Number of wrong tokens within [`SPAN`] after which an address is blocked.
 const MOST: u32 = 5;
 const SPAN: Duration = Duration::from_secs(60);
-/// Maximum number of addresses for which wrong tokens are counted. Above it, the oldest addresses are removed.
+/// Maximum number of addresses for which wrong tokens are counted. Above this number, the oldest addresses are removed.
 const ADDRESSES: usize = 4096;
 
 /// Maximum number of addresses within a minute for which rejected commands are reported.

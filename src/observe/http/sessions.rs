@@ -12,8 +12,8 @@ use super::tokens::Role;
 const LONGEST: Duration = Duration::from_secs(12 * 3600);
 /// Maximum time without use, after which a session ends.
 const IDLE: Duration = Duration::from_secs(3600);
-/// Maximum number of open sessions of each role. If there are more, the session that was unused for the longest time
-/// ends.
+/// Maximum number of open sessions of each role. If more sessions are open, the session that was unused for the longest
+/// time ends.
 const MOST: usize = 64;
 
 /// Identifier of a session.

@@ -8,7 +8,7 @@ use crate::observe::events::{Entry, Level};
 use crate::observe::status::Status;
 use isotherm_plant::{Importance, PlantEvent};
 
-/// Maximum number of events that wait for the broker. Above it, the oldest events are dropped.
+/// Maximum number of events that wait for the broker. Above this number, the oldest events are dropped.
 const MOST: usize = 1000;
 
 /// Queue of the events that are not published yet.

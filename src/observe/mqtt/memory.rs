@@ -17,7 +17,7 @@ use isotherm_plant::{Message, Publisher, Qos};
 const DEATHS: &str = "bdseq";
 /// Name of the file with the topics, in the directory of unpublished records.
 const TOPICS: &str = "topics";
-/// Age of a connection from which on its first messages count as delivered.
+/// Duration of a connection after which its first messages count as delivered.
 const ARRIVED_AFTER: Duration = Duration::from_secs(60);
 
 /// Memory of what earlier runs have published.

@@ -8,7 +8,7 @@ use isotherm_core::quantity::Moment;
 use isotherm_plant::Record;
 use isotherm_plant::store::{DiskNews, Store};
 
-/// Maximum number of records in memory. Above it, the oldest records are dropped.
+/// Maximum number of records in memory. Above this number, the oldest records are dropped.
 const MOST: usize = 1000;
 /// Maximum number of old records that are published together with new values.
 const AT_A_TIME: usize = 500;

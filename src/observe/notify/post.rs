@@ -68,7 +68,7 @@ fn meaning(code: u16) -> &'static str {
         405 => ": the server accepts no POST at this path",
         408 | 425 | 429 => ": the server is overloaded",
         400..500 => ": the server does not accept such a message; does it expect another form (`body`)?",
-        502..505 => ": this server passes messages on, and the next server does not answer",
+        502..505 => ": this server forwards messages to another server, which does not answer",
         500..600 => ": the server had an internal error",
         _ => ", which is not an expected answer",
     }
@@ -140,7 +140,8 @@ fn remedy(fault: TlsFault) -> Option<&'static str> {
 pub struct Server {
     url: Url,
     token_file: Option<PathBuf>,
-    /// Host of the URL, with its certificates. The error is the reason why no certificate can be trusted.
+    /// Host of the URL, with the certificates that are trusted for this host. The error is the reason why no
+    /// certificate can be trusted.
     host: Result<Host, String>,
 }
 

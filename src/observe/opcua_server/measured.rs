@@ -17,7 +17,7 @@ pub(super) struct Measured {
 }
 
 impl Measured {
-    /// Executes a call of this user. Returns the outputs `done` and `answer`.
+    /// Executes a call of the method by this user. Returns the outputs `done` and `answer`.
     ///
     /// # Errors
     /// The arguments do not have the types of the method.

@@ -44,7 +44,7 @@ impl Effort {
 /// of this remaining noise.
 const LEFT_OF_NOISE: f64 = 0.3;
 
-/// Errors that are negligible, and end the calculation of a method.
+/// Limits below which errors are negligible. A method ends when it reaches its limit.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Tolerance {
     /// Noise of a sensor, K.

@@ -9,7 +9,7 @@ use crate::divisions::{Division, Floors};
 use crate::methods::multi_case::{Effort, multi_case};
 use crate::problem::Problem;
 
-/// Maximum number of further cuts. Each adds a block and a sensor.
+/// Maximum number of further cuts. Each cut adds a block and a sensor.
 const MORE: usize = 4;
 
 /// Results for other divisions into blocks than the requested division.

@@ -30,7 +30,8 @@ impl Address {
     /// Creates the address of an edge node from the names of its group and node.
     ///
     /// # Errors
-    /// The group or the node contains a character that MQTT does not allow in a topic. The message names it.
+    /// The group or the node contains a character that MQTT does not allow in a topic. The error message contains this
+    /// character.
     pub fn new(group: &str, node: &str) -> Result<Address, String> {
         is_level("group", group)?;
         is_level("node", node)?;
@@ -46,7 +47,7 @@ impl Address {
     /// Returns the topic on which the host of this name publishes its own state.
     ///
     /// # Errors
-    /// The name contains a character that MQTT does not allow in a topic. The message names it.
+    /// The name contains a character that MQTT does not allow in a topic. The error message contains this character.
     pub fn state_topic(host: &str) -> Result<String, String> {
         is_level("primary host", host)?;
         Ok(format!("{NAMESPACE}/{STATE}/{host}"))

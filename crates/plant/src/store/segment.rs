@@ -131,7 +131,8 @@ fn has_header(file: &mut File, first: u64) -> io::Result<bool> {
     Ok(is_whole && named == [MAGIC, first.to_le_bytes()].concat())
 }
 
-/// Reads the next record. Returns `None` if it is incomplete, or its checksum does not match the number.
+/// Reads the next record. Returns `None` if the record is incomplete, or if its checksum does not match its number and
+/// content.
 fn read_record(reader: &mut impl Read, number: u64) -> io::Result<Option<Record>> {
     let Some((length, expected)) = read_frame(reader)? else { return Ok(None) };
     let mut bytes = vec![0; length];
