@@ -70,9 +70,9 @@ pub struct Film {
 /// Heat flow into an element.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Flux {
-    /// Heat flow through a face, mW/mm².
+    /// Heat flow through a face: the face, and the flow in mW/mm².
     Face(Face, f64),
-    /// Heat source in the volume of the element, mW/mm³.
+    /// Heat source in the volume of an element: index of the element, and the power in mW/mm³.
     Volume(usize, f64),
 }
 
@@ -87,9 +87,9 @@ pub struct LoadCase {
     pub films: Vec<Film>,
     /// Heat flows through faces and in volumes.
     pub fluxes: Vec<Flux>,
-    /// Heat flows into nodes, mW.
+    /// Heat flows into nodes: index of the node, and the flow in mW.
     pub nodal: Vec<(usize, f64)>,
-    /// Nodes with a prescribed temperature, °C; each node occurs once.
+    /// Nodes with a prescribed temperature: index of the node, and °C. Each node occurs once.
     pub held: Vec<(usize, f64)>,
 }
 

@@ -32,10 +32,10 @@ pub enum CcxError {
         /// Error of the operating system.
         error: std::io::Error,
     },
-    /// The program ended with an error.
+    /// CalculiX ended with an error; contains lines of its output.
     #[error("CalculiX did not finish: {0}")]
     Unfinished(String),
-    /// The results lack a requested quantity.
+    /// The results lack a requested quantity; contains the name of this quantity.
     #[error("CalculiX finished, but its results lack {0}")]
     Lacks(String),
 }

@@ -19,7 +19,7 @@ pub enum HeatError {
          prescribed temperature on every part of the mesh"
     )]
     Adrift(NodeId),
-    /// Transient case without heat capacity.
+    /// A material has no heat capacity, which a transient case needs; contains the name of the material.
     #[error("material {0} has no density or no specific heat: a transient case needs both")]
     NoCapacity(String),
     /// The conduction matrix is singular.
@@ -108,7 +108,7 @@ impl Conducts {
 
 /// Equations of heat conduction of a body: conductances, heat capacities, and heat sources.
 pub(super) struct Heat {
-    /// Conduction and films, mW/K.
+    /// Conductances between the free nodes, from conduction and films, mW/K.
     pub(super) conduction: System<1>,
     /// Heat capacity, mJ/K; `None` in a steady case.
     pub(super) capacity: Option<System<1>>,

@@ -62,7 +62,7 @@ const FACES: [[usize; 6]; 4] =
 /// Tetrahedral element of a mesh.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Element {
-    /// Number in the FE input file.
+    /// Number of the element in the FE input file.
     pub id: u32,
     /// Linear or quadratic tetrahedron.
     pub kind: Kind,

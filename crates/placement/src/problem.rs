@@ -17,7 +17,7 @@ pub struct Block {
     pub centre: [f64; 3],
 }
 
-/// Result of one load case.
+/// Result of one load case: temperature rises, and displacement of the guideway.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Load {
     /// Name of the load case.
@@ -53,9 +53,9 @@ pub struct Problem {
     /// Matrix P in the evaluated directions, µm/K: displacement of the guideway if a block is 1 K warmer. The rows are
     /// guideway nodes, one direction after the other; the columns are blocks.
     pub matrix: DMatrix<f64>,
-    /// P'P, µm²/K²; see [`Problem::matrix`].
+    /// Product P'P of the transposed matrix P and the matrix P, µm²/K².
     pub(super) square: DMatrix<f64>,
-    /// Target of each load case.
+    /// For each load case, the displacement that the block temperatures must reproduce.
     pub targets: Vec<Target>,
 }
 
@@ -67,9 +67,9 @@ pub struct Target {
     pub name: String,
     /// Displacement δ1 of the guideway in the evaluated directions, µm.
     pub moved: DVector<f64>,
-    /// P'δ1, µm²/K; see [`Problem::matrix`].
+    /// Product P'δ1 of the transposed matrix P and the displacement δ1, µm²/K.
     pub(super) cross: DVector<f64>,
-    /// δ1'δ1, µm².
+    /// Product δ1'δ1: sum of the squares of the displacement, µm².
     pub(super) power: f64,
     /// For each block, the temperature rises of its candidate nodes, K, in the order of [`Block::candidates`].
     pub offered: Vec<Vec<f64>>,

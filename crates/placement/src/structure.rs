@@ -28,7 +28,7 @@ pub enum StructureError {
          faces"
     )]
     Loose {
-        /// A node of the part.
+        /// One node of the part, by which the user finds the part.
         node: NodeId,
         /// Number of nodes of the part.
         nodes: usize,

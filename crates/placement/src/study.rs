@@ -57,7 +57,7 @@ pub struct Study {
     pub p: Vec<Vec<f64>>,
     /// Sensitivity of the guideway to every node; `None` if other divisions into blocks are not to be evaluated.
     pub adjoint: Option<Adjoint>,
-    /// Nodes of the blocks.
+    /// Blocks of the structure: name and nodes of each block.
     pub parts: Vec<Part>,
     /// Positions allowed for sensors.
     pub reach: Reach,

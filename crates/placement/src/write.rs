@@ -28,7 +28,7 @@ pub fn mesh(mesh: &Mesh) -> String {
     text
 }
 
-/// Returns the text of the node card.
+/// Returns the text of the card `*NODE` with all nodes.
 pub(super) fn coordinates(mesh: &Mesh) -> String {
     let mut text = String::from("*NODE\n");
     for (id, [x, y, z]) in mesh.nodes.iter().zip(&mesh.xyz) {

@@ -50,7 +50,7 @@ pub enum Adoption {
     },
     /// No model could be learned.
     Failed {
-        /// Cause, as a clause.
+        /// Reason why no model could be learned, as a part of a sentence.
         why: String,
     },
 }

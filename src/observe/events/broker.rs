@@ -19,7 +19,7 @@ pub enum Broker {
         /// Reason, with a hint if it has a remedy of its own.
         why: Explained,
     },
-    /// The connection is back.
+    /// The connection to the broker works again.
     Up {
         /// Address of the broker.
         broker: String,

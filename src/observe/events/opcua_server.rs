@@ -12,14 +12,14 @@ use isotherm_profile::counted;
 pub enum OpcUaServerEvent {
     /// The server cannot listen at its address, or has failed.
     Closed {
-        /// Host and port.
+        /// Host and port on which the server listens.
         listen: String,
         /// Reason as a sentence.
         why: String,
     },
     /// The server listens now.
     Open {
-        /// Host and port.
+        /// Host and port on which the server listens.
         listen: String,
     },
     /// The server has refused a client, because its certificate is not trusted.

@@ -12,21 +12,21 @@ use isotherm_core::explained::Explained;
 pub enum PagePort {
     /// The web page cannot listen at its address.
     Closed {
-        /// Host and port.
+        /// Host and port on which the server listens.
         listen: String,
         /// Reason as a sentence.
         why: String,
     },
     /// The web page does not listen, because one of its tokens or its certificate cannot be used.
     NotServed {
-        /// Host and port.
+        /// Host and port on which the server listens.
         listen: String,
         /// Reason as a sentence, with its remedy.
         why: String,
     },
     /// The web page listens now.
     Open {
-        /// Host and port.
+        /// Host and port on which the server listens.
         listen: String,
     },
 }

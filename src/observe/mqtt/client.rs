@@ -57,7 +57,7 @@ const CLOSE_WITHIN: Duration = Duration::from_secs(1);
 const MQTT_5_ONLY: &str =
     "the broker speaks MQTT 5 only, and the gateway speaks MQTT 3.1.1: allow MQTT 3.1.1 at the broker";
 
-/// Broker, with the settings of the profile.
+/// MQTT client for the broker of the profile, with the settings of the profile.
 #[derive(Clone)]
 pub(super) struct Client {
     to: BrokerUrl,

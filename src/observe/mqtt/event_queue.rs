@@ -21,7 +21,7 @@ pub(super) struct EventQueue {
 }
 
 impl EventQueue {
-    /// Adds the events that are new in this status.
+    /// Adds the events that were reported after the last sample of the status.
     pub(super) fn sample(&mut self, status: &Status) {
         let all: u64 = status.event_counts.values().sum();
         let new = usize::try_from(all.saturating_sub(self.seen)).unwrap_or(usize::MAX);

@@ -125,7 +125,7 @@ async fn pass_on(client: TcpStream, door: &Door, limits: (Screen, &Pace)) -> Opt
 /// Pace at which secure channels are opened, over all connections.
 #[derive(Default)]
 struct Pace {
-    /// Time at which the last secure channel was opened.
+    /// Time since the last secure channel was opened; `None` before the first secure channel.
     last: Mutex<Option<Silence>>,
 }
 

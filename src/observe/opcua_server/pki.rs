@@ -32,7 +32,7 @@ const LARGEST: u64 = 16 * 1024;
 /// Maximum length of a subject in a report, characters. A client may write any text into its certificate.
 const LONGEST: usize = 100;
 
-/// Directory of the certificates.
+/// Directory of the certificates of the server and of its clients.
 pub(super) struct Pki {
     directory: PathBuf,
     /// File names of the refused certificates that have been reported.

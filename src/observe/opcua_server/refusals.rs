@@ -10,7 +10,7 @@ const LONGEST: usize = 60;
 /// Maximum number of certificates that are kept until the next report.
 const MOST_CLIENTS: usize = 10;
 
-/// Refused clients and logins.
+/// Refused clients and logins since the last report.
 #[derive(Debug, Default)]
 pub(super) struct Refusals {
     /// Number of refused logins, and the user name of the last refused login.

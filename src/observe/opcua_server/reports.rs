@@ -15,7 +15,7 @@ const EVERY: Duration = Duration::from_secs(60);
 /// client.
 pub(super) const LOOK_EVERY: Duration = Duration::from_secs(1);
 
-/// Reports about refused clients.
+/// Reporter of refused clients and logins, with the times of its last reports.
 #[derive(Debug, Default)]
 pub(super) struct Reports {
     login: Option<Duration>,

@@ -34,7 +34,7 @@ use isotherm_profile::{OpcUaServer, host_and_port};
 
 /// Number of consecutive failures with a new cause after which the new cause is reported.
 const CHANGED_AFTER: u32 = 2;
-/// Interval between attempts to start.
+/// Interval between attempts to start the server.
 const AGAIN: Duration = Duration::from_secs(10);
 /// Interval of the checks whether the library has started.
 const STARTING: Duration = Duration::from_millis(5);

@@ -1,4 +1,4 @@
-//! Contents of an FE input file.
+//! Contents of an FE input file: a mesh, its materials, and one load case.
 
 use crate::body::{LoadCase, Materials};
 use crate::mesh::Mesh;

@@ -23,7 +23,7 @@ enum Stage {
     Anywhere,
 }
 
-/// Stages after the mesh is complete.
+/// Stages of the cards that are read when the mesh is complete.
 const STAGES_WITH_MESH: [Stage; 6] =
     [Stage::Surfaces, Stage::Materials, Stage::Sections, Stage::Boundary, Stage::Step, Stage::Anywhere];
 

@@ -224,7 +224,7 @@ pub(super) fn boundary(reader: &mut Reader, card: &Card) -> Result<(), Fault> {
     Ok(())
 }
 
-/// Reads `*RESTART`. It may only write files.
+/// Checks `*RESTART`: the card may request that files are written, but not that a file is read.
 pub(super) fn restart(_: &mut Reader, card: &Card) -> Result<(), Fault> {
     if card.has("READ") {
         return Err(card.fault(

@@ -21,7 +21,7 @@ pub(super) struct Reader {
     /// Number, coordinates (mm) and location of each node, in the order of the file.
     pub(super) nodes: Vec<(u32, [f64; 3], Location)>,
     pub(super) mesh: Mesh,
-    /// Indices of the elements by their numbers.
+    /// Index of each element. The key is the number of the element in the file.
     pub(super) numbers: HashMap<u32, usize>,
     /// Location of each element in the files.
     pub(super) element_at: Vec<Location>,
@@ -33,7 +33,7 @@ pub(super) struct Reader {
     pub(super) named: Vec<(bool, String, Vec<u32>)>,
     /// Outer faces, by their three corner nodes.
     outer: HashMap<[usize; 3], Face>,
-    /// Outer faces by the name of their surface.
+    /// Outer faces of each surface. The key is the name of the surface.
     pub(super) surfaces: BTreeMap<String, Vec<Face>>,
     pub(super) materials: Vec<Draft>,
     /// Index of the material of each element.
@@ -49,7 +49,7 @@ pub(super) struct Reader {
     pub(super) kept_boundary: Option<Location>,
     /// Fixed directions of nodes, with the location of the line.
     pub(super) supports: BTreeMap<usize, ([bool; 3], Location)>,
-    /// Prescribed temperatures by node, °C.
+    /// Prescribed temperatures, °C. The key is the index of the node.
     pub(super) held: BTreeMap<usize, f64>,
     /// Time range of the step; `None` before `*HEAT TRANSFER`.
     pub(super) case: Option<Case>,

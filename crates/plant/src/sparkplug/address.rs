@@ -18,7 +18,7 @@ const STATE: &str = "STATE";
 pub enum Verb {
     /// NBIRTH: all metrics with their current values.
     Birth,
-    /// NDATA: changes.
+    /// NDATA: metrics that have changed.
     Data,
     /// NDEATH: the node is offline.
     Death,

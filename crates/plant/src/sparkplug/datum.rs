@@ -1,4 +1,4 @@
-//! Values of the Sparkplug data types.
+//! Encoding and decoding of values of the Sparkplug data types.
 
 use super::payload::{PropertyRaw, Raw};
 

@@ -5,7 +5,7 @@ use std::fmt;
 
 use prost::Message;
 
-/// Content of a message.
+/// Content of a Sparkplug B message.
 #[derive(Clone, PartialEq, Message)]
 pub struct Payload {
     /// Time of sending, ms since 1970.
