@@ -118,11 +118,12 @@ enum Verb {
     Run(run::Arguments),
     /// Write a first profile from a few answers
     Init(Box<init::Arguments>),
-    /// Show every error of a profile with its line; without errors, everything that the gateway would read and write
+    /// Check a profile: show every error with its line number; without errors, show everything that the gateway would
+    /// read and write
     Check(check::Arguments),
     /// Read every signal once and show its quality, or read one register without a signal
     Read(Box<read::Arguments>),
-    /// List the units (Modbus addresses) that answer on a line
+    /// List the units (Modbus addresses) that answer on a bus line
     Scan(scan::Arguments),
     /// Serve the devices of a profile as virtual hardware
     Virtual(simulate::Arguments),
@@ -130,10 +131,11 @@ enum Verb {
     Record(record::Arguments),
     /// Repeat the decisions of a recorded log with the code of the gateway, and compare them
     Replay(replay::Arguments),
-    /// Identify the model of an axis from logs with its measured error, tested on runs that were not used to find it
+    /// Identify the model of an axis from logs with the measured error, and test the model on runs that were not used
+    /// to find it
     #[cfg(feature = "identify")]
     Identify(Box<identify::Arguments>),
-    /// Learn the model of an axis from measurements of its probe, and compare it with the model in use
+    /// Learn the model of an axis from measurements of its probe, and compare this model with the model in use
     #[cfg(feature = "identify")]
     Learn(Box<learn::Arguments>),
     /// Select the temperature points to keep, from logs with a measured error
@@ -162,7 +164,7 @@ enum Verb {
     /// Stop the running gateway from writing; the registers keep their values
     #[command(after_help = "Example:\n  isotherm disarm my-machine.toml --axis z")]
     Disarm(command::Arguments),
-    /// Take the present signal values as the "zero" references of the models in the running gateway
+    /// Capture zero: the running gateway takes the present signal values as the references `"zero"` of its models
     #[command(after_help = "Example:\n  isotherm zero my-machine.toml")]
     Zero(command::Arguments),
     /// Check with a dial gauge, step by step, that an axis moves in the right direction
@@ -216,7 +218,7 @@ impl Arguments {
     }
 }
 
-/// Verbs that need a feature of the build: name of the verb, and name of the feature.
+/// Verbs that exist only in builds with a Cargo feature: name of the verb, and name of the feature.
 const FEATURE_OF_VERB: [(&str, &str); 8] = [
     ("identify", "identify"),
     ("learn", "identify"),
@@ -228,8 +230,8 @@ const FEATURE_OF_VERB: [(&str, &str); 8] = [
     ("opcua", "opcua"),
 ];
 
-/// Returns the error for wrong arguments, with their control characters escaped. Otherwise an argument could control
-/// the terminal or begin a new line. The error for a verb that this build lacks names the missing feature.
+/// Returns the error for wrong arguments, with their control characters escaped. An unescaped argument could control
+/// the terminal, or begin a new line. The error for a verb that this build lacks names the missing feature.
 #[must_use]
 pub fn escaped(refused: clap::Error) -> clap::Error {
     if let Some(ContextValue::String(verb)) = refused.get(ContextKind::InvalidSubcommand)

@@ -1,10 +1,11 @@
 //! Clocks of the program: wall-clock time, or virtual time in tests and in the demo.
 //!
-//! Every task that acts at certain times owns a [`Sleeper`]. The virtual clock advances only while every sleeper
-//! sleeps. It then wakes exactly one sleeper: the one with the earliest deadline. Among sleepers with equal deadlines,
-//! it wakes the one that joined first. The virtual clock therefore waits for real sockets, and protocol timeouts stay
-//! in wall-clock time. A run with the same seed has the same result at any speed. (The paused clock of tokio cannot do
-//! this: it advances while a real socket waits.)
+//! A clock counts the time from its start. Counted time does not change if the computer's clock is set. The time of day
+//! is counted time plus a difference, and is only for display. Every task that acts at certain times owns a
+//! [`Sleeper`]. The virtual clock advances only while every sleeper sleeps. It then wakes exactly one sleeper: the one
+//! with the earliest deadline. Among sleepers with equal deadlines, it wakes the one that joined first. The virtual
+//! clock therefore waits for real sockets, and protocol timeouts stay in wall-clock time. A run with the same seed has
+//! the same result at any speed. (The paused clock of tokio cannot do this: it advances while a real socket waits.)
 //!
 //! Code that needs a sleeping task to act early calls the [`Wakeup`] of its sleeper. Without that call, the clock could
 //! advance before the task notices its message. A message that comes through the kernel and gets no reply has no sender
@@ -50,7 +51,7 @@ use wheel_timer::WheelTimer;
 pub struct Clock {
     source: Source,
     followed: Arc<ClockDifference>,
-    /// Difference between the time of day that was set on a virtual clock, and the time that this clock counts.
+    /// For a virtual clock: time of day that a test has set, as a difference from counted time.
     set_to: Arc<ClockDifference>,
 }
 
@@ -118,8 +119,7 @@ impl Clock {
         Clock { source, followed: Arc::default(), set_to: Arc::default() }
     }
 
-    /// Returns the difference from counted time to the time of day, as measured by the last
-    /// [`Clock::check_time_of_day`].
+    /// Returns the time of day minus counted time, as measured by the last [`Clock::check_time_of_day`].
     pub fn shift(&self) -> Shift {
         self.followed.shift()
     }
@@ -159,8 +159,8 @@ impl Clock {
         matches!(self.source, Source::Simulated(_))
     }
 
-    /// Returns whether many tasks sleep by this clock, so that the computer is rarely idle. A wake-up then costs less
-    /// than the replacement of a timer.
+    /// Returns whether many tasks use this clock. The computer is then rarely idle, and an unnecessary wake-up costs
+    /// less than setting a timer again.
     pub fn is_busy(&self) -> bool {
         matches!(&self.source, Source::Wall(wall) if wall.is_busy())
     }
@@ -233,8 +233,8 @@ impl Sleeper {
         }
     }
 
-    /// Sleeps until `deadline` or until the next wakeup. A wakeup since the last sleep ends it at once. Returns the
-    /// present moment.
+    /// Sleeps until `deadline` or until the next wakeup. A wakeup that came after the last sleep ends this sleep at
+    /// once. Returns the present moment.
     pub async fn sleep_until(&mut self, deadline: Moment) -> Moment {
         self.sleep_from(self.now(), deadline).await
     }

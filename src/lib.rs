@@ -8,7 +8,7 @@
 //! crate:
 //!
 //! - [`clock`] — the only source of time: wall-clock time, or virtual time in tests and in the demo.
-//! - [`tls`] — causes of failed TLS handshakes.
+//! - [`tls`] — explanations of failed TLS handshakes.
 //! - [`net`] — connections to servers: name lookup, TCP and TLS.
 //! - [`fieldbus`] — communication with devices over Modbus, CAN or OPC UA. One task owns each line.
 //! - [`gateway`] — polls devices, gives the readings to the functions of `isotherm-core`, executes the resulting
@@ -23,7 +23,7 @@
 //!
 //! ```text
 //! clock ← fieldbus ← gateway ← cli        clock, CAN socket, OPC UA values, faults ← virtual_machine ← cli
-//! clock ← observe ← cli                   events, askers and status of observe ← gateway
+//! clock ← observe ← cli                   events, requesters and status of observe ← gateway
 //! fieldbus ← discovery ← cli              tls ← net ← { fieldbus, observe }
 //! ```
 //!

@@ -103,7 +103,7 @@ pub struct Setup {
     pub ports: Ports,
     /// Answer to a request for a unit that does not exist, on lines over TCP. A serial line does not answer.
     pub unknown_unit: UnknownUnit,
-    /// Time that the plant has already run when the virtual machine starts.
+    /// Simulated time for which the plant has already run when the virtual machine starts.
     pub lived: Duration,
     /// Interval of the probing cycle; `None`: once an hour.
     pub probe_every: Option<Duration>,
@@ -204,8 +204,8 @@ impl Window {
         self.0.hardware().observer.latest.clone()
     }
 
-    /// Returns the true errors every ten seconds since the last call, and removes them. At most 10,000 rows (about a
-    /// day) are kept; later ones are lost.
+    /// Removes the stored true errors, and returns them: one row for every ten seconds since the last call. At most
+    /// 10,000 rows (about a day) are kept; later ones are lost.
     pub fn take_course(&self) -> Vec<TruthRow> {
         std::mem::take(&mut self.0.hardware().observer.course)
     }

@@ -17,11 +17,12 @@ use isotherm_core::compensation::model::{Expected, Growth, Model, Reference};
 use isotherm_profile::{Axis, Profile};
 
 /// Adopts the model that the gateway has learned from measurements of the probe (touches). Cz does not move: the
-/// gateway adjusts the correction from probings so that Cz keeps its value.
+/// gateway adjusts the correction from probe measurements, so that Cz keeps its value.
 ///
-/// The model must be better than the model in use, over the last judged days. `isotherm status` and the page show both
-/// errors. If Cz cannot be kept at present, the adoption waits for the next datum (zero point of Cz). The models of the
-/// profile remain as fallbacks. If these models are changed in the profile, the learned model is not used any more.
+/// Over the last compared days, the error of the learned model must be smaller than that of the model in use. `isotherm
+/// status` and the page show both errors. If Cz cannot be kept at present, the adoption waits for the next datum (zero
+/// point of Cz). The models of the profile remain as fallbacks. If these models are changed in the profile, the learned
+/// model is not used any more.
 #[derive(clap::Args, Debug)]
 #[command(
     after_help = "Examples:\n  isotherm adopt my-machine.toml --axis z\n  isotherm adopt my-machine.toml --axis z --back\n  isotherm adopt my-machine.toml --axis z --export z-model.toml"
@@ -67,7 +68,7 @@ fn write(
     let [(name, preference)] = adopted.as_slice() else {
         match adopted.len() {
             0 => anyhow::bail!("the saved state in {} contains no adopted model", directory.display()),
-            _ => anyhow::bail!("several axes follow a learned model: name one of them with --axis"),
+            _ => anyhow::bail!("several axes follow a learned model: select one with --axis"),
         }
     };
     let own = profile.axes.iter().find(|own| own.settings.name == *name);
@@ -91,8 +92,8 @@ fn block(profile: &Profile, axis: &Axis, model: &LearnedModel) -> String {
     };
     let name = &axis.settings.name;
     let mut text = format!(
-        "# Cz = −e, learned from touches by isotherm, and adopted.\n\
-         # Put this block in place of the first [[axis.{name}.model]] of the profile.\n\
+        "# Cz = −e (e: measured error), learned by isotherm from touches of the probe.\n\
+         # Replace the first [[axis.{name}.model]] of the profile with this block.\n\
          [[axis.{name}.model]]\nname = \"{}\"\nkind = \"linear\"\nterms = [\n",
         model.name
     );

@@ -36,17 +36,18 @@ pub(super) const PRODUCTS: &str = "products";
 /// Limits for the files of learned data in a backup. With at most this number of files, the manifest is small enough
 /// for `restore`.
 const LEARNED: Limits = Limits { files: 3000, bytes: 64 * 1024 * 1024 };
-/// Largest size of the manifest and of the headers of all files in the archive, in bytes.
+/// Largest total size of the manifest and of all file headers in the archive, in bytes.
 const HEADS: u64 = 8 * 1024 * 1024;
 /// File mode of an archive with secrets, and of the files in it that contain tokens and keys.
 pub(super) const SECRET_MODE: u32 = 0o600;
 pub(super) const MODE: u32 = 0o640;
-/// File mode of the other profile files. Any user may read them, because the gateway runs as another user.
+/// File mode of profile files without secrets. Any user may read them, because the gateway runs as another user.
 pub(super) const PROFILE_MODE: u32 = 0o644;
 
 /// Writes the files of a machine into one tar archive: the profile and its .local.toml, the files that they name, and
-/// the saved state. The state includes what was learned from touches. The named files are models, device templates, DBC
-/// files and certificates. The archive lists the SHA-256 of each file. The gateway may run during the backup.
+/// the saved state. The state includes the data that was learned from touches (probe measurements). The named files are
+/// models, device templates, DBC files and certificates. The archive lists the SHA-256 of each file. The gateway may
+/// run during the backup.
 ///
 /// Logs and events are not included: copy them from the state directory. Settings that were made with --set or by the
 /// environment are not included either.
@@ -62,7 +63,8 @@ pub(super) struct Arguments {
     /// The file to write; an existing file is not overwritten
     #[arg(value_name = "FILE", required_unless_present = "rotate")]
     file: Option<PathBuf>,
-    /// Writes a file with machine and time in its name to this directory, and removes older ones of this machine
+    /// Writes the backup to this directory, with machine and time in the file name, and removes older backups of this
+    /// machine
     #[arg(long, value_name = "DIR", conflicts_with = "file")]
     rotate: Option<PathBuf>,
     /// Number of backups of this machine that --rotate keeps
@@ -79,7 +81,8 @@ pub(super) struct Arguments {
     state: Option<PathBuf>,
 }
 
-/// Manifest, the first file of the archive. Only the files that its list `files` names follow, in this order.
+/// Manifest: the first file of the archive. After it, the archive contains exactly the files of the list `files`, in
+/// the order of that list.
 #[derive(Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct Manifest {
@@ -105,8 +108,8 @@ pub(super) struct Entry {
 }
 
 impl Arguments {
-    /// Prints a note about a backup to stderr, or with `--rotate` to stdout. Cron can send everything on stderr by
-    /// mail.
+    /// Prints a note about a backup to stderr. With `--rotate`, prints the note to stdout instead, because cron may
+    /// send everything on stderr by mail.
     fn note(&self, text: &str) -> std::io::Result<()> {
         match self.rotate {
             Some(_) => say!("{text}"),
@@ -125,7 +128,8 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let name = path.file_name().filter(|_| path.is_file()).and_then(|name| name.to_str());
     let name = name.with_context(|| {
         format!(
-            "{} is part of the program and needs no backup: name the file that the gateway runs",
+            "{} is part of the program and needs no backup: give the path of the profile that the gateway \
+             runs",
             path.display()
         )
     })?;
@@ -191,7 +195,8 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let mode = if manifest.secrets { SECRET_MODE } else { MODE };
     let file = match &arguments.rotate {
         Some(directory) => rotate::path(directory, &profile.name, &manifest.time),
-        None => arguments.file.clone().context("name the FILE to write, or a directory with --rotate")?,
+        None => (arguments.file.clone())
+            .context("give the path of the FILE to write, or a directory with --rotate")?,
     };
     let written = match &arguments.rotate {
         Some(directory) => {
@@ -208,7 +213,10 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     };
     written.map_err(|error| match error.kind() {
         ErrorKind::AlreadyExists if arguments.rotate.is_none() && file.is_dir() => {
-            anyhow::anyhow!("{0} is a directory: name a file in it, or write --rotate {0}", file.display())
+            anyhow::anyhow!(
+                "{0} is a directory: give the path of a file in it, or write --rotate {0}",
+                file.display()
+            )
         }
         ErrorKind::AlreadyExists if arguments.rotate.is_none() => {
             anyhow::anyhow!("{} exists already: give another name", file.display())
@@ -236,7 +244,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
             }
         }
         // Otherwise, after a wrong --state, backups without state would replace those that have it.
-        Some(_) => say_beside!("no older backup is removed, because this one contains no state"),
+        Some(_) => say_beside!("no older backup is removed, because the new backup contains no saved state"),
         None => {}
     }
     Ok(())

@@ -40,7 +40,7 @@ impl Certificate {
         Ok(Certificate { files: files.clone(), read, show: watch::Sender::new(Arc::new(config(files)?)) })
     }
 
-    /// Returns a receiver that always has the current server configuration.
+    /// Returns a receiver of the current TLS configuration, which changes when new certificate files are read.
     pub(super) fn shown(&self) -> TlsReceiver {
         self.show.subscribe()
     }

@@ -26,7 +26,7 @@ use isotherm_profile::preview::{self, Preview};
 use isotherm_profile::{DeviceId, Profile};
 
 /// Shows every error of the profile with its line. Without errors it shows the read plan, each register in both
-/// notations, everything that would be written, and the sign of each model in words.
+/// notations, everything that would be written, and in words how each temperature changes Cz.
 #[derive(clap::Args, Debug)]
 #[command(
     after_help = "Examples:\n  isotherm check my-machine.toml\n  isotherm check my-machine.toml --online     asks the \
@@ -139,7 +139,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         servers.iter().try_for_each(|looked| say!("{}", looked.line()))?;
         for merged_reads::MergedReadTest { device, read, fault, quirks } in &merged {
             say!("  device {device}: {read}: {fault}")?;
-            say!("    the device serves all its values with {quirks}")?;
+            say!("    the device answers reads of all its values with {quirks}")?;
         }
         moved.iter().try_for_each(|moved| say!("  warning: {moved}"))?;
         let mut hints = Hints::default();
@@ -176,7 +176,7 @@ fn expiring(profile: &Profile) -> impl Iterator<Item = String> {
     certificates::expiring(profile, now).into_iter().map(|expiry| expiry.sentence()).chain(early)
 }
 
-/// Adds a part with this name to a JSON document, and returns the document.
+/// Sets the field `name` of a JSON document to `part`, and returns the document.
 #[cfg(any(feature = "opcua", feature = "mqtt"))]
 fn with(
     mut document: serde_json::Value,
@@ -198,7 +198,7 @@ fn tell(node: &opcua::Inspected) -> std::io::Result<()> {
     node.advice.iter().try_for_each(|advice| say!("    warning: {advice}"))
 }
 
-/// Returns an error if an OPC UA node does not fit the output or signal that uses it, for example by its type.
+/// Returns an error if an OPC UA node does not fit the output or signal that uses it, for example because of its type.
 #[cfg(feature = "opcua")]
 fn assess(nodes: &[opcua::Inspected]) -> anyhow::Result<()> {
     let mut unfit = nodes.iter().filter_map(|node| Some((node, node.advice.first()?)));

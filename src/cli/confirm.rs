@@ -5,7 +5,7 @@ use super::loading::{ProfileArguments, load};
 use crate::gateway::control;
 
 /// Accepts a device whose readings jumped while it was not reachable, or an OPC UA server whose namespaces are
-/// ambiguous. Before, an operator must have checked that it is the right device with the right settings.
+/// ambiguous. An operator must first check that the device is the right one, and has the right settings.
 ///
 /// Until the device is accepted, the gateway rejects a reading that differs from the last good one by more than
 /// `max_rate` allows. This verb does not replace the checks of the device (`verify`): they must pass too.

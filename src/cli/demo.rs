@@ -88,9 +88,9 @@ fn positive(text: &str) -> Result<f64, String> {
 }
 
 impl Arguments {
-    /// Returns the default log filter of a demo. On a terminal the log is off, because it would destroy the table,
-    /// which also shows the events. Otherwise only errors are logged: the return of Cz to zero at the end of every demo
-    /// needs no log lines.
+    /// Returns the default log filter of a demo. On a terminal the log is off, because log lines would destroy the
+    /// table. The table shows the events instead. Without a terminal only errors are logged, because each demo ends
+    /// with the normal return of Cz to zero, which needs no warnings.
     pub(super) fn quiet_log(&self) -> &'static str {
         if std::io::stdout().is_terminal() && !self.json { "off" } else { "error" }
     }

@@ -1,12 +1,12 @@
 //! Limits on the file descriptors of the web page and the command socket. The other descriptors of the process are
-//! reserved for lines, logs and state, which have priority.
+//! reserved for bus lines, log files and saved state, which have priority.
 
 use rustix::process::{Resource, getrlimit};
 
 /// Number of descriptors that the program itself uses: its streams, runtimes, listeners, logs, and saved state.
 const OWN: u64 = 32;
-/// Maximum number of descriptors that a line uses at one time: a closing connection, the next connection, and a name
-/// lookup.
+/// Maximum number of descriptors that a bus line uses at one time: a closing connection, the next connection, and a
+/// name lookup.
 const OF_A_LINE: u64 = 3;
 /// Number of descriptors for each client of the OPC UA server: its connection, and both ends of the internal connection
 /// to the OPC UA library.

@@ -14,7 +14,7 @@ use crate::observe::events::Entry;
 use crate::observe::events::file::{self, FileItem, begin};
 use isotherm_profile::one_line;
 
-/// Indentation of a hint below its event: the width of time and level.
+/// Indentation of a hint below its event, in characters: the width of the columns with time and level.
 const UNDER: usize = 30;
 
 /// Shows the events that are stored in the state directory, oldest first. The gateway need not run. Times are UTC.
@@ -83,16 +83,16 @@ fn only_machine(directory: &Path) -> anyhow::Result<String> {
     let shown = directory.display();
     let machines = file::machines(directory).map_err(|error| {
         anyhow::anyhow!(
-            "{shown} cannot be read ({error}); name the state directory with --state, or a profile"
+            "{shown} cannot be read ({error}); give the state directory with --state, or a profile"
         )
     })?;
     match machines.as_slice() {
         [] => anyhow::bail!(
-            "there are no events in {shown}; name the state directory with --state, or a profile"
+            "there are no events in {shown}; give the state directory with --state, or a profile"
         ),
         [one] => Ok(one.clone()),
         several => anyhow::bail!(
-            "there are events of several machines in {shown}: {}; name the profile of one",
+            "there are events of several machines in {shown}: {}; give the profile of one machine",
             several.join(", ")
         ),
     }

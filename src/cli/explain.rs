@@ -21,8 +21,8 @@ enum LogsVerb {
     Explain(ExplainArguments),
 }
 
-/// Shows how `identify`, `select` and `report` understand a log: encoding, line of the names, time, units, and first rows.
-/// The command also shows the errors of these rows. If there are any, it ends with exit code 1.
+/// Shows how `identify`, `select` and `report` understand a log: encoding, line with the column names, time, units, and
+/// first rows. The command also shows the errors in these rows. If there are errors, the exit code is 1.
 #[derive(clap::Args, Debug)]
 #[command(after_help = "Example:\n  isotherm logs explain monday.csv --zone Europe/Berlin")]
 struct ExplainArguments {

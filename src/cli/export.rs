@@ -60,15 +60,15 @@ pub(super) struct Arguments {
 
 /// One day of a machine, with its logs and its exported file.
 struct Day {
-    /// Path of its exported file.
+    /// Path of the exported file of this day.
     file: PathBuf,
-    /// Columns of the exported file; `None` if there is no such file.
+    /// Columns of the exported file; `None` if the day was not exported yet.
     found: Option<anyhow::Result<Vec<Column>>>,
     /// Logs of the day that the gateway has not deleted.
     logs: Vec<PathBuf>,
 }
 
-/// Number of days of logs or of events, by the result of their export.
+/// Number of exported days, by result. Days of logs and days of events are counted separately.
 #[derive(Debug, Default, Serialize)]
 struct Days {
     written: u64,
@@ -82,8 +82,8 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let (directory, machine) = (running::directory(arguments.state.as_deref(), &profile)?, &profile.name);
     let none = || {
         format!(
-            "there are no logs of {machine} in {}. If the gateway ran with another state directory, name it \
-             with --state, or as `directory` in [history] of the profile",
+            "there are no logs of {machine} in {}. If the gateway ran with another state directory, give that \
+             directory with --state, or as `directory` in [history] of the profile",
             directory.display()
         )
     };
@@ -118,7 +118,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// Exports the logs of decisions to this directory.
+/// Exports the logs of decisions from the state directory `directory` to the directory `to`.
 fn decided(directory: &Path, machine: &str, to: &Path) -> anyhow::Result<Days> {
     let days = all_days(directory, machine, to)?;
     let mut columns = Columns::new();
@@ -173,20 +173,20 @@ fn all_days(directory: &Path, machine: &str, to: &Path) -> anyhow::Result<BTreeM
     Ok(days)
 }
 
-/// Returns the time at which the newest of these logs has changed. `None` if none of them exists.
+/// Returns the time at which the newest of these logs was last changed. `None` if none of them exists.
 fn newest(logs: &[PathBuf]) -> Option<i64> {
     logs.iter().filter_map(|log| modified(log)).max()
 }
 
-/// Returns the time at which a file has changed, in microseconds. A file server may store it less exactly than the disk
-/// of the logs.
+/// Returns the time at which a file was last changed, in microseconds. A file server may store it less exactly than the
+/// disk of the logs.
 fn modified(path: &Path) -> Option<i64> {
     let modified = path.metadata().and_then(|about| about.modified()).ok()?;
     Timestamp::try_from(modified).ok().map(Timestamp::as_microsecond)
 }
 
 impl Days {
-    /// Writes a day if its logs have changed since the last export.
+    /// Writes the exported file of a day if the logs of the day have changed since the last export.
     fn take(
         &mut self,
         logs: &[PathBuf],
@@ -204,9 +204,9 @@ impl Days {
         }
     }
 
-    /// Writes a file, and sets its modification time to that of the newest log. If rows are logged during the export,
-    /// the day is therefore exported again next time. An error in one day is printed, and does not stop the export of
-    /// the others.
+    /// Writes the exported file of a day, and sets its modification time to that of the newest log. If rows are logged
+    /// during the export, the next export therefore writes the day again. An error in one day is printed, and the other
+    /// days are exported.
     fn write(
         &mut self,
         to: &Path,

@@ -1,5 +1,5 @@
-//! Additional files of a verb. An error in writing such a file is reported only after the result was printed, so that
-//! the result is not lost.
+//! Additional output files of a verb, for example a report page. An error in writing such a file is reported only after
+//! the result was printed, so that the result is not lost.
 
 use std::path::Path;
 

@@ -1,4 +1,4 @@
-//! Hints of faults in the output of a verb. Each hint is printed once, below the first line that needs it.
+//! Hints about faults in the output of a verb. Each hint is printed once, below the first line that needs it.
 
 use std::collections::BTreeSet;
 

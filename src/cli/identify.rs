@@ -137,8 +137,8 @@ pub(super) struct Arguments {
     write: Option<PathBuf>,
     #[command(flatten)]
     into: IntoProfileArguments,
-    /// Also writes a block, or models for lost sensors, that makes too many runs worse than without compensation. Too
-    /// many are more than a third of six or more held-out runs
+    /// Writes the block, or the models for lost sensors, even if too many runs are worse than without compensation. Too
+    /// many means: more than a third of at least six held-out runs
     #[arg(long)]
     force: bool,
     /// Writes a page with diagrams as one file, for any browser
@@ -165,7 +165,7 @@ fn outsides() -> impl TypedValueParser<Value = Outside> {
         (
             Outside::Agree,
             "agree",
-            "Follows the model as far as its two halves (models whose mean it is) agree",
+            "Follows the model as far as its two halves agree (the two models whose mean is the model)",
         ),
         (Outside::Warn, "warn", "Follows the model"),
         (Outside::Hold, "hold", "Keeps the last Cz"),

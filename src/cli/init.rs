@@ -29,8 +29,9 @@ use questions::Questions;
 /// device.
 ///
 /// The verb does not ask for values that are given as options. Values that would move an axis if they were wrong have
-/// no default: destination, type, word order and scale of the offset. The unit of a control on the module's line has no
-/// default either. The coefficients of the axis are found later, by `isotherm record` and `isotherm identify`.
+/// no default: destination, type, word order and scale of the offset. The Modbus unit number of a control on the
+/// module's line has no default either. The coefficients of the axis are found later, by `isotherm record` and
+/// `isotherm identify`.
 #[derive(clap::Args, Debug)]
 #[command(
     after_help = "Examples:\n  isotherm init\n  isotherm init press-7.toml --yes --machine press-7 --bus 192.168.0.10:502 --module \
@@ -67,7 +68,7 @@ pub(super) struct Arguments {
     /// The first register of the module, if its template does not fix it
     #[arg(long, value_name = "N")]
     base: Option<String>,
-    /// The unit number of the module
+    /// The Modbus unit number of the module
     #[arg(long, value_name = "N")]
     unit: Option<String>,
     /// Register of the first temperature of a module without a template: input:0, 30001, or a part: input:0.4-15
@@ -82,7 +83,7 @@ pub(super) struct Arguments {
     /// Degrees Celsius per count of the temperatures, or the register of the module with the power of ten: holding:12
     #[arg(long, value_name = "DEGREES", allow_hyphen_values = true)]
     scale: Option<String>,
-    /// Node of a temperature at an OPC UA server, once for each name: ns=2;s=Temps
+    /// Node of a temperature at an OPC UA server: ns=2;s=Temps. Repeat this option for each name of --signals
     #[arg(long = "node", value_name = "NODE")]
     nodes: Vec<String>,
     /// Index in the array of a temperature's node, once for each name: 2, or 1,2, or none
@@ -104,7 +105,7 @@ pub(super) struct Arguments {
     /// (ns=2;s=Offset.Z)
     #[arg(long, value_name = "TEMPLATE|REGISTER|NODE")]
     output: Option<String>,
-    /// Target of the control's template that receives Cz, if none has the name of the axis
+    /// Target of the control's template that receives Cz; needed if no target has the name of the axis
     #[arg(long, value_name = "TARGET")]
     output_target: Option<String>,
     /// Type of the offset: i16, u16, i32, u32, f32; of a node also i8, u8, i64, u64, f64
@@ -113,7 +114,7 @@ pub(super) struct Arguments {
     /// Word order of the offset: msw-first, lsw-first
     #[arg(long, value_name = "ORDER")]
     output_word_order: Option<String>,
-    /// Micrometres per count of the offset; negative if the control subtracts it
+    /// Micrometres per count of the offset; negative if the control subtracts the offset
     #[arg(long, value_name = "UM", allow_hyphen_values = true)]
     output_scale: Option<String>,
     /// The first register of the control, if its template does not fix it
@@ -122,7 +123,7 @@ pub(super) struct Arguments {
     /// Address of the control, if it is on another line than the module. For OPC UA: opc.tcp://192.168.0.20:4840
     #[arg(long, value_name = "ADDRESS|PORT")]
     control: Option<String>,
-    /// The unit number of the control
+    /// The Modbus unit number of the control
     #[arg(long, value_name = "N")]
     control_unit: Option<String>,
     /// Baud rate of the control's serial line

@@ -29,12 +29,12 @@ mod text;
 
 use result::{AxisResult, GainShown};
 
-/// Number of days of logs that are read together. They cover the longest run of touches, and the hours before its datum
-/// (zero point of Cz).
+/// Number of days whose logs are read together. These days cover the longest run with touches, and the hours before the
+/// datum of the run (zero point of Cz).
 const TOGETHER: usize = 3;
 /// Remark if the logs that the command line names give nothing new.
-const NOTHING_NEW: &str = "the named logs have no new run. Their runs are known, older than the last run that was \
-                           learned from, or without a measured error";
+const NOTHING_NEW: &str = "the named logs have no new run. Each of their runs was used before, is \
+                           older than the last used run, or has no measured error";
 /// Largest size of a file of learned data, in bytes.
 const LARGEST: u64 = 16 * 1024 * 1024;
 
@@ -44,10 +44,10 @@ const LARGEST: u64 = 16 * 1024 * 1024;
 /// NAME.products in the state directory. They remain when the gateway deletes the logs ([history] keep). Therefore the
 /// verb reads only new logs, and may run every night. The gateway may run at the same time.
 ///
-/// Each day is judged before it is learned from: its touches test the model in use, and the candidate from the previous
-/// days. The candidate is proposed if its residual error over the last five judged days is smaller. No axis moves, and
-/// the profile does not change. `isotherm adopt` adopts the candidate of an axis that learns (`learn` in its probe).
-/// `--write` writes the candidate as a block for the profile.
+/// The touches of each day first test the model in use, and the candidate from the previous days. Then the candidate is
+/// learned again with this day. The candidate is proposed if its residual error over the last five tested days is
+/// smaller. No axis moves, and the profile does not change. `isotherm adopt` adopts the candidate of an axis that
+/// learns (`learn` in its probe). `--write` writes the candidate as a block for the profile.
 #[derive(clap::Args, Debug)]
 #[command(
     after_help = "Examples:\n  isotherm learn my-machine.toml\n  isotherm learn my-machine.toml campaign/ --axis z\n  isotherm learn my-machine.toml --axis z --write z-model.toml"
@@ -116,7 +116,10 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     }
     let (Some(path), [result]) = (&arguments.write, results.as_slice()) else { return Ok(()) };
     let Some(block) = &result.block else {
-        anyhow::bail!("{} is not written: there is no run to learn from", path.display());
+        anyhow::bail!(
+            "{} is not written: no run was found from which a model could be learned",
+            path.display()
+        );
     };
     anyhow::ensure!(
         result.proposed || arguments.force,
@@ -136,8 +139,8 @@ fn retire() -> std::io::Result<()> {
     Ok(())
 }
 
-/// Returns the axes to learn: the named one, or every axis with a probe. In the background of a gateway, these are the
-/// axes that learn.
+/// Returns the names of the axes whose models are learned: the axis of `--axis`, or every axis with a probe. In the
+/// background of a gateway, these are the axes with `learn` in their probe.
 fn axes(profile: &Profile, arguments: &Arguments) -> anyhow::Result<Vec<String>> {
     let all = || profile.axes.iter().map(|axis| &axis.settings);
     if let Some(named) = arguments.axis.as_deref() {
@@ -154,7 +157,7 @@ fn axes(profile: &Profile, arguments: &Arguments) -> anyhow::Result<Vec<String>>
         false => axis.probe.is_some(),
     };
     let probed: Vec<String> = all().filter(is_meant).map(|axis| axis.name.clone()).collect();
-    anyhow::ensure!(!probed.is_empty(), "no axis of the profile has a probe: name an axis with --axis");
+    anyhow::ensure!(!probed.is_empty(), "no axis of the profile has a probe: select an axis with --axis");
     Ok(probed)
 }
 
@@ -265,7 +268,7 @@ fn named(arguments: &Arguments, profile: &Profile, choice: &Choice) -> anyhow::R
     Ok(dataset)
 }
 
-/// Returns why there is no run. `days`: number of days with logs.
+/// Returns the message that explains why no run was found. `days`: number of days with logs.
 fn nothing_found((directory, machine): (&Path, &str), axis: &str, days: usize) -> String {
     match days {
         0 => format!(
@@ -295,15 +298,15 @@ fn until_today(mut days: Days, now: Moment) -> (Days, usize) {
     (days, later)
 }
 
-/// Reads the columns of these logs that are used.
+/// Reads the columns that learning needs from these logs.
 fn read(profile: &Profile, files: &[PathBuf], choice: &Choice, split: &Split) -> anyhow::Result<Dataset> {
     let applied = Applied::AsLogged;
     let uses = uses::of_identify(profile, choice, &applied);
     Ok(Dataset::read(files, split, &units(profile), &uses)?)
 }
 
-/// Reads the columns of the logs of some days. An unusable file is left out, and a remark names it. After a power cut, a
-/// file may be empty.
+/// Reads the columns that learning needs from the logs of these days. An unusable file is left out, and a remark names
+/// the file. For example, a file may be empty after a power cut.
 fn read_usable(
     profile: &Profile,
     files: &[PathBuf],

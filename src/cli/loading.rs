@@ -120,7 +120,7 @@ pub(super) fn reported(loaded: Result<Loaded, Errors>, json: bool) -> anyhow::Re
 }
 
 /// Returns the error for a file that cannot be read as the kind `wanted`. The error names the actual kind of the file
-/// if that is known, and otherwise is `why`.
+/// if that kind is known. Otherwise the error is `why`.
 pub(super) fn of_other_kind(path: &Path, wanted: FileKind, why: impl Into<anyhow::Error>) -> anyhow::Error {
     FileKind::mistake(path, wanted).map_or_else(|| why.into(), anyhow::Error::msg)
 }

@@ -30,8 +30,8 @@ struct Window {
     since: Duration,
     written: u32,
     left_out: u64,
-    /// Kind of event, or else start of the message, of the dropped lines. The line with their number contains this
-    /// name.
+    /// Name for the dropped lines: their kind of event, or else the start of their message. The line that reports the
+    /// number of dropped lines contains this name.
     name: String,
 }
 
@@ -57,8 +57,8 @@ impl<K: Eq + Hash> Budget<K> {
         is_written
     }
 
-    /// Returns the kinds whose second is over, with the numbers of their dropped lines, and forgets these kinds. Also
-    /// returns whether other kinds have dropped lines.
+    /// Removes the windows whose second is over. Returns their names with the numbers of dropped lines. Also returns
+    /// whether the remaining windows have dropped lines.
     fn due(&mut self, now: Duration) -> (Vec<(String, u64)>, bool) {
         let over = |window: &Window| now >= window.since + SPAN;
         let reported = self.0.values().filter(|window| over(window) && window.left_out > 0);

@@ -55,8 +55,8 @@ fn time_units() -> impl TypedValueParser<Value = TimeUnit> {
     ])
 }
 
-/// Returns whether a zone is a name and a number, such as `UTC+1`. POSIX counts such hours to the west, but most people
-/// count them to the east.
+/// Returns whether a zone is a name and a number, such as `UTC+1`. In POSIX, `UTC+1` is one hour west of UTC, but most
+/// people mean one hour east.
 fn has_two_readings(text: &str) -> bool {
     text.find(['+', '-']).is_some_and(|at| {
         let (name, offset) = (&text[..at], &text[at + 1..]);
@@ -67,7 +67,7 @@ fn has_two_readings(text: &str) -> bool {
 
 fn zone(text: &str) -> Result<TimeZone, String> {
     if has_two_readings(text) {
-        let meaning = "can be a time before UTC or after it";
+        let meaning = "can mean a zone ahead of UTC or behind UTC";
         return Err(format!("`{text}` {meaning}; write a zone as Europe/Berlin, UTC or +01:00"));
     }
     let parser = jiff::fmt::temporal::DateTimeParser::new();

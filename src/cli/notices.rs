@@ -1,5 +1,5 @@
-//! Servers of `[[notify]]` (notifications): certificates with which they are verified, checks of their files, and test
-//! connections.
+//! Servers that receive notifications (`[[notify]]` of the profile): trusted certificates, checks of the files that the
+//! profile names for them, and test connections.
 
 use std::sync::Arc;
 use std::time::Duration;

@@ -51,11 +51,11 @@ struct SecuredLine {
     beside: PathBuf,
 }
 
-/// Certificate and key of the gateway, on a line or for its OPC UA server.
+/// Certificate and key of the gateway, for a bus line or for its OPC UA server.
 struct OwnFiles {
-    /// Owner in a sentence: `bus nck`, or `the OPC UA server`.
+    /// Owner of the certificate, as a part of a message: `bus nck`, or `the OPC UA server`.
     owner: String,
-    /// Name of the bus; `None` for the server.
+    /// Name of the bus; `None` for the OPC UA server of the gateway.
     bus: Option<String>,
     machine: String,
     cert: NamedFile,
@@ -142,7 +142,7 @@ impl LineArguments {
                 Some(place) => Ok(lines[place]),
                 None => {
                     anyhow::bail!(
-                        "`{name}` is no bus of type \"opcua\"; the OPC UA buses are: {}",
+                        "`{name}` is not a bus of type \"opcua\"; the OPC UA buses are: {}",
                         names.join(", ")
                     )
                 }

@@ -42,16 +42,18 @@ impl Port {
     /// Reads the certificate and the tokens of the web page. The port is not opened yet.
     ///
     /// # Errors
-    /// The settings or the certificate are wrong, or it is a [`BadToken`].
+    /// The settings or the certificate are wrong. A wrong token is the error [`BadToken`].
     pub(super) fn new(web: &Web) -> anyhow::Result<Port> {
         let place = host_and_port(&web.listen);
         if let Some(help) = place.err().and_then(|why| why.help(8080, str::to_owned)) {
-            anyhow::bail!("`{}` is no address to listen on; {help}", web.listen);
+            anyhow::bail!("`{}` is not an address to listen on; {help}", web.listen);
         }
         let addresses: Vec<SocketAddr> = web
             .listen
             .to_socket_addrs()
-            .with_context(|| format!("`{}` is no address to listen on; write 127.0.0.1:8080", web.listen))?
+            .with_context(|| {
+                format!("`{}` is not an address to listen on; write 127.0.0.1:8080", web.listen)
+            })?
             .collect();
         let is_local = addresses.iter().all(|address| address.ip().is_loopback());
         anyhow::ensure!(

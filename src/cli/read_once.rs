@@ -1,4 +1,4 @@
-//! One reading of every device. The gateway runs without writing until each signal was read or has failed.
+//! Reads every device once. For this, the gateway runs without writing until each signal was read or has failed.
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -19,11 +19,11 @@ use isotherm_profile::{counted, duration_text};
 
 /// Longest time to wait for a frame that a CAN device sends by itself.
 const LONGEST_PERIOD: Duration = Duration::from_secs(10);
-/// Time after which a line on stderr names the devices of which a result is missing.
+/// Time after which a message on stderr names the devices without a result.
 const NAMED_AFTER: Duration = Duration::from_secs(1);
 /// Maximum number of devices that are named individually; the others are only counted.
 const MOST_NAMES: usize = 5;
-/// Indentation of a hint below its line.
+/// Indentation of a hint below the line of its signal or device, in characters.
 const UNDER: usize = 6;
 /// Longest duration of the first request to a device, as a multiple of the timeout. On a serial line, the gateway first
 /// waits for late answers to requests of an earlier program.
@@ -103,22 +103,22 @@ pub(super) fn watch(
     Ok(())
 }
 
-/// Returns whether every signal has a value or a reason for having none, and every device and offset register was
-/// tried.
+/// Returns whether the read is complete. Each signal must have a value or a fault, and each device and offset register
+/// must have been tried.
 fn is_complete(status: &Status) -> bool {
     is_tried(status, &vec![true; status.signals.len()])
         && status.outputs.iter().all(|output| output.writes != "offset" || output.value.is_some())
 }
 
-/// Returns whether every requested signal has a value or a reason for having none, and every device was tried.
-/// `requested`: for each signal, whether the gateway requests it.
+/// Returns whether each requested signal has a value or a fault, and each device was tried. `requested`: for each
+/// signal, whether the gateway requests it.
 fn is_tried(status: &Status, requested: &[bool]) -> bool {
     let mut signals = status.signals.iter().zip(requested).filter(|(_, is_requested)| **is_requested);
     signals.all(|(signal, _)| signal.quality != "never-read")
         && status.devices.iter().all(|device| device.state != "never-answered" || device.requests == 0)
 }
 
-/// Names the devices of which a result is missing. Such a device was not tried yet, or has a signal or an offset
+/// Returns the names of the devices without a result. Such a device was not tried yet, or has a signal or an offset
 /// register that was not read.
 fn awaited(status: &Status) -> String {
     let is_awaited = |device: &&DeviceStatus| {

@@ -96,7 +96,7 @@ fn is_wanted() -> anyhow::Result<bool> {
 }
 
 /// Returns the message that explains why no register of an output can be released. `is_present`: the gateway still
-/// writes to the output. `left`: the registers that can be released.
+/// writes to the output. `left`: registers of other outputs, which can be released.
 fn nothing_left(output: &str, is_present: bool, left: &[Value]) -> String {
     let mut names: Vec<&str> = left.iter().map(|one| word(&one["output"])).collect();
     names.dedup();
@@ -157,7 +157,7 @@ fn way(left: &Value) -> String {
     let bound = |key: &str| figure(key).map_or("unknown".to_owned(), |um| format!("{um} µm"));
     let seconds = figure("back_s").and_then(|seconds| Duration::try_from_secs_f64(seconds.ceil()).ok());
     format!(
-        "{holds}{beside}; the register returns to its base value by at most {} an update and {}/s, within \
+        "{holds}{beside}; the register returns to its base value by at most {} per update and {}/s, within \
          ±{}: this takes about {}",
         bound("step_um"),
         bound("rate_um_per_s"),
@@ -184,7 +184,7 @@ mod tests {
         assert_eq!(
             way(&left),
             "20.0 µm from the gateway were verified in holding:104 (40105) of unit 1 at 10.0.0.7:502; \
-             the register returns to its base value by at most 1 µm an update and 0.25 µm/s, within ±40 \
+             the register returns to its base value by at most 1 µm per update and 0.25 µm/s, within ±40 \
              µm: this takes about 1m 20s"
         );
         left["operator"] = 3.5.into();

@@ -140,7 +140,7 @@ fn read(bytes: &[u8]) -> anyhow::Result<(Manifest, Vec<Vec<u8>>)> {
     // With `raw`, entries that only describe the next one (a long name, a size, holes) stay visible, and are rejected.
     let mut entries = archive.entries().context("this is no backup")?.raw(true);
     let first = entries.next().context("the file is empty")?;
-    let text = plain(first, MANIFEST, LARGEST_MANIFEST).context("this is no backup of isotherm")?;
+    let text = plain(first, MANIFEST, LARGEST_MANIFEST).context("this file is not a backup of isotherm")?;
     let manifest: Manifest = serde_json::from_slice(&text).map_err(|error| {
         anyhow::anyhow!("this program cannot read {MANIFEST} in the backup: {}", one_line(&error.to_string()))
     })?;
@@ -171,7 +171,7 @@ fn read(bytes: &[u8]) -> anyhow::Result<(Manifest, Vec<Vec<u8>>)> {
 /// Reads an entry of the archive that must be a regular file with this name.
 fn plain(entry: std::io::Result<tar::Entry<'_, &[u8]>>, name: &str, largest: u64) -> anyhow::Result<Vec<u8>> {
     // The original error would quote the content, which may be secret.
-    let entry = entry.map_err(|_| anyhow::anyhow!("the file is damaged, or is no tar archive"))?;
+    let entry = entry.map_err(|_| anyhow::anyhow!("the file is damaged, or is not a tar archive"))?;
     ensure!(
         entry.header().entry_type() == tar::EntryType::Regular && *entry.path_bytes() == *name.as_bytes(),
         "the next entry must be the file {name}, but it is a link, a device or another file"
@@ -204,7 +204,7 @@ fn check(manifest: &Manifest) -> anyhow::Result<()> {
             "file {shown} of the backup would be outside the directories of profile and state"
         );
         ensure!(room != PRODUCTS || products::is_name(name), "{shown} is not a file of learned data");
-        ensure!(room != STATE || !name.contains('/'), "{shown} is no file of a state directory");
+        ensure!(room != STATE || !name.contains('/'), "{shown} is not a file of a state directory");
         ensure!(
             [SECRET_MODE, MODE, PROFILE_MODE].contains(mode),
             "file {shown} of the backup has a file mode that no backup uses"

@@ -255,8 +255,8 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<Option<Replacement>> 
     Ok(Some(Replacement { program, handover, checked, own: kept, digest, _services: services }))
 }
 
-/// Returns the command that learns the models of the axes. The program of this process is started again, even if its
-/// file was replaced.
+/// Returns the command that learns the models of the axes in another process. The command starts the same program as
+/// this process, even if the program file was replaced.
 #[cfg(feature = "identify")]
 fn learn_command(profile: &ProfileArguments, state: &Path) -> Option<LearnCommand> {
     let mut arguments: Vec<OsString> =
@@ -335,7 +335,10 @@ fn web(listen: Option<&str>, profile: &Profile) -> Option<Web> {
 fn state_directory(option: Option<&Path>, profile: &Profile) -> anyhow::Result<PathBuf> {
     let directory = state_path(option, profile);
     make_directory(&directory).with_context(|| {
-        format!("the state directory {} cannot be made; name another with --state", directory.display())
+        format!(
+            "the state directory {} cannot be made; give another directory with --state",
+            directory.display()
+        )
     })?;
     Ok(directory)
 }

@@ -108,13 +108,17 @@ pub(super) fn only(state: Option<&Path>) -> anyhow::Result<PathBuf> {
     let shown = directory.display();
     match sockets.as_slice() {
         [] => anyhow::bail!(
-            "no gateway runs with the state directory {shown}; name another with --state, or a profile"
+            "no gateway runs with the state directory {shown}; give another directory with --state, or a \
+             profile"
         ),
         [one] => Ok(one.clone()),
         several => {
             let name = |path: &PathBuf| path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
             let names: Vec<String> = several.iter().map(name).collect();
-            anyhow::bail!("several gateways run with {shown}: {}; name the profile of one", names.join(", "))
+            anyhow::bail!(
+                "several gateways run with {shown}: {}; give the profile of one machine",
+                names.join(", ")
+            )
         }
     }
 }

@@ -63,7 +63,7 @@ pub(super) struct Arguments {
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     if arguments.target.bus.is_none() && arguments.target.profile.is_none() {
         return Err(wrong_arguments(
-            "name a line: --bus tcp://192.168.0.10:502, or a PROFILE with --bus NAME",
+            "give a bus line: --bus tcp://192.168.0.10:502, or a PROFILE with --bus NAME",
         ));
     }
     let line = arguments.target.any(arguments.json)?;

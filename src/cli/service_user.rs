@@ -23,7 +23,7 @@ enum Owner {
     Creator,
     /// The user of the service, with this user and group number.
     Service(u32, u32),
-    /// The user of the service, if the service reads the file. Only the user who creates the file can know that.
+    /// The user of the service, if the service reads the file. Only the person who creates the file can know that.
     PerhapsService,
 }
 

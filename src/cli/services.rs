@@ -28,7 +28,8 @@ pub(super) struct Sockets {
 enum Page {
     /// Web page at this port, which is open or will be opened later.
     At(Box<Port>),
-    /// Web page whose port is not created yet. This happens once the tokens and the certificate can be read.
+    /// Web page whose port is not created yet. The port is created as soon as the tokens and the certificate can be
+    /// read.
     Later(Web),
 }
 
@@ -85,7 +86,7 @@ impl Sockets {
         Ok(())
     }
 
-    /// Starts to serve the open sockets. `lines` is the number of lines of the gateway, which need file descriptors
+    /// Starts to serve the open sockets. `lines` is the number of bus lines of the gateway, which need file descriptors
     /// too.
     pub(super) fn serve(
         self,

@@ -14,7 +14,7 @@ use crate::gateway::{control, is_at_zero, sign_expectation};
 use crate::observe::status::{Command, DialDirection};
 use isotherm_profile::{Profile, allowed};
 
-/// Interval of the checks whether the axis is ready.
+/// Interval at which the verb checks whether the axis is ready.
 const LOOK_AGAIN: Duration = Duration::from_secs(1);
 
 /// Checks with a dial gauge that an axis moves in the right direction. The running gateway moves Cz of the axis by +5
@@ -49,7 +49,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let named = axis.or(profile.axes.first().map(|axis| axis.settings.name.as_str())).unwrap_or_default();
     anyhow::ensure!(
         axis.is_some() || profile.axes.len() < 2,
-        "there are several axes: name the one that is meant (--axis)"
+        "there are several axes: select one with --axis"
     );
     let own = wait_until_ready(&socket, named, path)?;
     if let Some(held) = held_without_model(&profile, &own) {
@@ -99,8 +99,8 @@ fn held_without_model(profile: &Profile, own: &Value) -> Option<f64> {
     (!is_at_zero(profile, place, held)).then_some(held)
 }
 
-/// Moves the register of an axis without a model to zero. The gateway does this at the begin of a check, and then ends
-/// the check.
+/// Moves the register of an axis without a model to zero. For this, it starts a check: the gateway first moves the
+/// register to zero, and then ends the check.
 fn return_to_zero(socket: &Path, axis: &str, profile: &Profile) -> anyhow::Result<()> {
     let ended = control::sign(socket, Some(axis), |said| say_beside!("{said}")).map(drop);
     // The gateway accepts the next check of the axis a second later.
@@ -124,7 +124,7 @@ fn status_of(socket: &Path, axis: &str) -> anyhow::Result<Value> {
 }
 
 /// Waits until the axis compensates and its registers hold its offset, and returns its entry in the status. Prints each
-/// new reason for which it waits. An axis without a model is not waited for, because the check itself arms it.
+/// new reason for which it waits. Does not wait for an axis without a model, because the check itself arms this axis.
 fn wait_until_ready(socket: &Path, axis: &str, profile: &Path) -> anyhow::Result<Value> {
     let mut said = String::new();
     loop {

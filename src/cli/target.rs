@@ -115,7 +115,7 @@ pub(super) fn units(text: &str) -> Result<(u8, u8), String> {
     let (from, to) = text.split_once("..").unwrap_or((text, text));
     match (from.trim().parse(), to.trim().parse()) {
         (Ok(from), Ok(to)) if from <= to => Ok((from, to)),
-        _ => Err(format!("`{text}` is no range of units; write 1..247 or 3, from 0 to 255")),
+        _ => Err(format!("`{text}` is not a range of units; write 1..247 or 3, from 0 to 255")),
     }
 }
 
@@ -124,21 +124,21 @@ pub(super) fn units(text: &str) -> Result<(u8, u8), String> {
 pub(super) fn range(text: &str) -> Result<(Register, u16), String> {
     const FORM: &str = "write holding:0..99";
     let (from, to) =
-        text.split_once("..").ok_or_else(|| format!("`{text}` is no range of registers; {FORM}"))?;
+        text.split_once("..").ok_or_else(|| format!("`{text}` is not a range of registers; {FORM}"))?;
     let first: Register = from.trim().parse()?;
     let to = to.trim();
     let last = match to.parse() {
         Ok(last) if from.contains(':') => last,
         _ => {
             let last = to.parse::<Register>();
-            last.map_err(|_| format!("`{to}` is no end of a range of registers; {FORM}"))?.offset
+            last.map_err(|_| format!("`{to}` is not the end of a range of registers; {FORM}"))?.offset
         }
     };
     let count = last.checked_sub(first.offset).and_then(|more| more.checked_add(1));
     let count = count.filter(|count| *count <= MOST);
     count
         .map(|count| (first, count))
-        .ok_or_else(|| format!("`{text}` is no range of 1 to {MOST} registers; {FORM}"))
+        .ok_or_else(|| format!("`{text}` is not a range of 1 to {MOST} registers; {FORM}"))
 }
 
 /// Maximum number of registers of one scan, which takes some minutes at 9600 baud.

@@ -9,7 +9,7 @@ pub(super) fn volatile_mount(directory: &Path) -> Option<&'static str> {
     lost_with(&mounts, &directory.canonicalize().ok()?)
 }
 
-/// Searches the kernel's list of mounts for the storage of this directory. If several mounts have one path, only the
+/// Same as [`volatile_mount`], with `mounts` as the kernel's list of mounts. If several mounts have one path, only the
 /// last one is visible.
 fn lost_with(mounts: &str, directory: &Path) -> Option<&'static str> {
     let mount = (mounts.lines().filter_map(Mount::of))

@@ -1,8 +1,8 @@
 //! Kernel timers for distant deadlines.
 //!
-//! The timers of tokio are stored on several wheels. A timer beyond the range of the first wheel wakes the computer
-//! once more, only to move to the next wheel. Each timer is rounded to milliseconds. On an idle computer, such an
-//! additional wake-up costs more than the work of the task itself.
+//! tokio stores its timers in several wheels (lists of timers by deadline). A timer beyond the range of the first wheel
+//! wakes the computer once more, only to be moved to another wheel. Each timer is rounded to milliseconds. On an idle
+//! computer, such an additional wake-up costs more than the work of the task itself.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -16,8 +16,8 @@ use tokio::net::unix::pipe::Receiver;
 /// Range of the first timer wheel of tokio. Deadlines beyond it use a kernel timer.
 pub(super) const FAR: Duration = Duration::from_millis(64);
 
-/// Maximum number of alarms of one clock. With more busy sleepers the computer is rarely idle, and one timer of tokio
-/// wakes many of them at once. Each further alarm would cost two system calls per sleep, and one of the thousand file
+/// Maximum number of alarms of one clock. With more sleepers the computer is rarely idle, and one timer of tokio wakes
+/// many of them at once. Each further alarm would cost two system calls per sleep, and one of the thousand file
 /// descriptors that a process may have.
 const MOST: usize = 8;
 

@@ -1,4 +1,5 @@
-//! Virtual clock. It wakes one task at a time. A sleeping task has a [`SleepingTask`] in the [`Table`].
+//! Virtual clock. It wakes one task at a time. Each registered task has a [`SleepingTask`] in the [`Table`]. A separate
+//! thread, the pacer, waits if virtual time must not pass faster than a multiple of wall-clock time.
 
 #![allow(clippy::disallowed_types, reason = "pacing needs wall-clock time")]
 

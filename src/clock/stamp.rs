@@ -1,4 +1,5 @@
-//! Time of day as a shift of counted time. If the computer's clock is set, only the displayed times change.
+//! Time of day for display: counted time, which is independent of the computer's clock, plus a difference. If the
+//! computer's clock is set, only this difference changes.
 
 use std::fmt;
 use std::sync::atomic::{AtomicI64, Ordering};

@@ -1,5 +1,5 @@
-//! Ticks at common moments. Tasks that check something regularly wake together, so that an idle computer wakes once for
-//! all of them.
+//! Periodic ticks at moments that all tasks share. Tasks that check something regularly therefore wake together, and an
+//! idle computer wakes once for all of them.
 
 use std::time::Duration;
 

@@ -10,8 +10,8 @@ use super::BootClock;
 use super::alarm::{Alarm, AlarmCount};
 use isotherm_core::quantity::Moment;
 
-/// Earliest moment at which counting starts: the year 2020. A computer without a clock battery starts in 1970. Stored
-/// states, which are older, would then be from before 1970, which a [`Moment`] cannot represent.
+/// Earliest moment at which counting starts: the year 2020. A computer without a clock battery starts in 1970. Moments
+/// before the start, for example in a saved state, could then be before 1970, which a [`Moment`] cannot represent.
 const EARLIEST: Moment = Moment::from_nanos(1_577_836_800_000_000_000);
 
 type Source = Arc<dyn Fn() -> Moment + Send + Sync>;

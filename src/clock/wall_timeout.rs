@@ -43,8 +43,8 @@ impl WallTimeout {
         WallTimeout { timer: None, slices: if clock.is_virtual() { WallTimeout::SLICES } else { 1 } }
     }
 
-    /// Postpones the timer by `span`, because no timeout can be due within this time. Until then, the timer wakes no
-    /// task.
+    /// Postpones the timer by `span`. The caller knows that no timeout is due within this time. Until then, the timer
+    /// wakes no task.
     pub fn put_off(&mut self, span: Duration) {
         if let Some(timer) = &mut self.timer {
             let deadline = Instant::now() + span;

@@ -7,7 +7,8 @@ use std::time::Duration;
 
 use tokio::time::{Instant, Sleep, sleep_until};
 
-/// Timer for the sleeps of one sleeper that need no kernel timer. The timer is created for the first of these sleeps.
+/// Timer of tokio for the sleeps of one task. For a distant deadline, a kernel timer is used instead. The tokio timer
+/// is created at the first sleep that uses it.
 #[derive(Debug, Default)]
 pub(super) struct WheelTimer(Option<Pin<Box<Sleep>>>);
 

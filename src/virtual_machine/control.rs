@@ -28,7 +28,7 @@ pub struct AcceptedSet {
 #[derive(Clone, Debug)]
 pub(super) struct Control {
     pub(super) set: SetId,
-    /// Position of the output set's unit in the list of the hardware.
+    /// Index of the hardware unit to which the output set belongs.
     pub(super) place: usize,
     outputs: Vec<(OutputId, Address, u16)>,
     /// Bits of the handshake: strobe and acknowledge; `None` if the output set has no handshake.

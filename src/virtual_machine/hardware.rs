@@ -250,8 +250,8 @@ impl Hardware {
         Reply { pdu: Some(answer.unwrap_or_else(|code| modbus::exception(pdu, code))), fault }
     }
 
-    /// Writes current measurements to the registers of a unit: the continuous ones, or with `command` those that this
-    /// command captures.
+    /// Writes current measurements to the registers of a unit. Without `command`, these are the continuous
+    /// measurements, otherwise those that this command captures.
     fn measure(&mut self, place: usize, now: Moment, command: Option<Capture>) {
         let seconds = now.since(self.begin).as_secs_f64();
         let unit = &mut self.units[place];
@@ -273,8 +273,8 @@ impl Hardware {
         self.apply(place);
     }
 
-    /// Copies each written value to the register in which the control reports its applied value, as a control that
-    /// applies values at once.
+    /// Copies each written value to the register in which the control reports its applied value, because the virtual
+    /// control applies values at once.
     fn apply(&mut self, place: usize) {
         for output in &self.profile.outputs {
             let Some(applied) = output.applied.as_ref().filter(|_| self.unit_of[output.device.0] == place)

@@ -47,7 +47,8 @@ pub struct Plant {
     sensors: Vec<Sensor>,
     /// Heat flow into each node, W.
     flows: Vec<f64>,
-    /// Temperature of each port of the structure, °C. `enters` is the heat flow into each port, W.
+    /// Temperature of each port of the structure (patch of the surface through which heat enters), °C. `enters` is the
+    /// heat flow into each port, W.
     ports: Vec<f64>,
     enters: Vec<f64>,
     /// Temperature of the medium at each sink of the structure, °C.
@@ -87,7 +88,8 @@ struct Sensor {
 
 impl Plant {
     /// Returns the plant for this seed at `begin`, the start of the run. The machine is switched off, and has adapted
-    /// to the temperature of its air. `begin` in UTC is the hour of the simulated day.
+    /// to the temperature of its air. The hour of `begin`, in UTC, is the hour of the simulated day at which the run
+    /// begins.
     pub fn new(spec: &PlantSpec, seed: u64, begin: Moment) -> Plant {
         let begin_hour = (begin.as_secs_f64() / 3600.0) % 24.0;
         let ambient = Ambient::new(&spec.ambient, seed, begin_hour);

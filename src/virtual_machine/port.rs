@@ -9,7 +9,7 @@ use super::pseudo_terminal::{VirtualPort, after};
 use super::server::{Line, OpenOrClose, converse};
 use isotherm_profile::Serial;
 
-/// Serves the units of a line on a port, until `stop` changes or its sender is dropped.
+/// Serves the Modbus units of a bus line on a serial port, until `stop` changes or its sender is dropped.
 pub(super) async fn serve(
     mut port: VirtualPort,
     serial: Serial,

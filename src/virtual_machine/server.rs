@@ -166,12 +166,12 @@ impl NonModbusClients {
         match std::mem::take(&mut self.unreported) {
             _ if is_first => {
                 format!(
-                    "closed a connection{last}: this is no Modbus TCP; further such connections are counted, and logged \
-                     once a minute"
+                    "closed a connection{last}: this is not Modbus TCP; further such connections are counted, and \
+                     logged once a minute"
                 )
             }
             count => {
-                format!("closed {count} more connections: this is no Modbus TCP; the last one was{last}")
+                format!("closed {count} more connections: this is not Modbus TCP; the last one was{last}")
             }
         }
     }
@@ -380,7 +380,7 @@ mod tests {
         assert_eq!(strangers.came(peer), None);
         seconds.store(1060, Ordering::Relaxed);
         let line = strangers.came(peer).unwrap();
-        assert!(line.starts_with("closed 100002 more connections: this is no Modbus TCP"), "{line}");
+        assert!(line.starts_with("closed 100002 more connections: this is not Modbus TCP"), "{line}");
         assert_eq!((strangers.came(peer), strangers.unreported), (None, 1));
     }
 }

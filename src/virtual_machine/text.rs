@@ -1,8 +1,8 @@
 //! Virtual devices that send lines of text: readouts, gauges, and DCON modules.
 //!
 //! The hardware of the virtual machine has registers. Each value of a text is therefore stored in registers, at an
-//! address of this module. Plant, faults and counters of requests then apply to the value as to any other. The answer
-//! of the registers, with its fault, then becomes text.
+//! address that `group` assigns. Plant, faults and counters of requests then apply to the value as to any other. The
+//! answer of the registers, with its fault, then becomes text.
 //!
 //! - `group` — values of one answer, and their registers. `answer` — their text, with its faults.
 //! - `line` — the conversation with a client. `server` and `terminal` — sockets and pseudo-terminals.

@@ -355,7 +355,8 @@ fn a_machine_that_has_not_run_here_is_said_to_be_one_with_the_directory_that_was
     let (home, state) = (home.path(), home.path().join("state"));
     let profile = profile(home, "mill-7", 1);
     let words = format!(
-        "there are no logs of mill-7 in {}. If the gateway ran with another state directory, name it with --state",
+        "there are no logs of mill-7 in {}. If the gateway ran with another state directory, give that \
+         directory with --state",
         state.display()
     );
     let (code, said) = export(home, &profile);

@@ -143,7 +143,7 @@ fn clients_of_a_virtual_machine_that_speak_no_modbus_are_counted_to_its_last_wor
     devices.signal("INT");
     assert!(devices.ends_within(Duration::from_secs(30)).success());
     let said = devices.said.join("\n");
-    assert_eq!(said.matches("this is no Modbus TCP").count(), 2, "{said}");
+    assert_eq!(said.matches("this is not Modbus TCP").count(), 2, "{said}");
     assert!(said.contains("closed 4 more connections"), "{said}");
 }
 

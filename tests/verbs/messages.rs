@@ -82,7 +82,7 @@ fn a_file_that_is_in_the_way_is_named_with_what_to_do() {
     assert_eq!(std::fs::read_to_string(&token).unwrap(), "an old one\n");
     let Ended { code, said, .. } = ended(isotherm(home.path()).arg("backup").arg(&path).arg(home.path()));
     assert!(
-        code == Some(1) && said.contains("is a directory: name a file in it, or write --rotate"),
+        code == Some(1) && said.contains("is a directory: give the path of a file in it, or write --rotate"),
         "{said}"
     );
 }

@@ -1,5 +1,5 @@
-//! Rotation of backups in a directory: the newest are kept, older ones are removed. Their names contain machine and
-//! time.
+//! Rotation of backups in a directory: the newest backups are kept, older backups are removed. The file name of a
+//! backup contains machine and time.
 
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
@@ -80,8 +80,8 @@ fn remove(directory: &Path, names: Vec<String>) -> anyhow::Result<Vec<PathBuf>> 
 }
 
 /// Returns the names of the backups to remove. `copies` backups of this machine are kept: `new` and the newest of the
-/// others. Alphabetical order of the names is the order of time. `new` is always kept, because its name may be the
-/// oldest after the clock was set back.
+/// others. The alphabetical order of the names is the order of time. After the clock was set back, `new` may have the
+/// oldest name, and is kept in spite of this.
 fn expired(names: Vec<String>, machine: &str, copies: usize, new: &str) -> Vec<String> {
     let mut old: Vec<String> =
         names.into_iter().filter(|name| name != new && is_backup(name, machine)).collect();

@@ -43,8 +43,8 @@ const OFF: Duration = Duration::from_mins(1);
 const STEP: Duration = Duration::from_secs(10);
 /// Time between two measurements by the probe (touches).
 const TOUCHED_EVERY: Duration = Duration::from_hours(1);
-/// Difference between Cz and its target, µm. The errors of a day are counted once the difference is smaller than this.
-/// Before, Cz still moves from its value of the previous day.
+/// Largest difference between Cz and its target at which the evaluation of a day begins, µm. Before that, Cz still
+/// moves from its value of the previous day to its target.
 const ARRIVED: f64 = 1.0;
 /// Largest simulated measurement error of the probe, µm.
 const SCATTER: f64 = 0.5;
@@ -53,10 +53,10 @@ const FOREIGN: f64 = 0.5;
 /// Profile keys of the probe, as TOML for the table `[axis.NAME.probe]`.
 const PROBE: &str = "limit = 20.0\nmax_error = 60.0\nq = 40.0\nlearn = \"daily\"\nadopt = \"auto\"\n";
 
-/// Errors of one day, as they are printed.
+/// Errors of the axis on one simulated day, printed as a table row or as JSON.
 #[derive(Clone, Debug, Serialize)]
 pub(super) struct Day {
-    /// Number of the day.
+    /// Number of the simulated day, from 0.
     pub(super) day: u32,
     /// Name of the learned model in use at the end of the day; `None` for the model of the profile.
     pub(super) model: Option<String>,
@@ -79,7 +79,7 @@ struct Rig {
     recorder: Recorder,
 }
 
-/// Runs the days, and prints each.
+/// Simulates all days. Prints the errors of each day, and returns them.
 pub(super) fn run(machine: &str, seed: u64, json: bool) -> anyhow::Result<Vec<Day>> {
     let logs =
         Logs::make().context("the log directory of the demo cannot be created in the temporary directory")?;
@@ -144,7 +144,7 @@ impl Rig {
                 && matches!(axis.settings.models.first().map(|model| &model.kind), Some(Kind::Linear(linear)) if linear.slope.is_none())
         });
         let axis =
-            axis.with_context(|| format!("{machine} has no axis with a linear model, which could learn"))?;
+            axis.with_context(|| format!("{machine} has no axis with a linear model, which --learn needs"))?;
         let name = &shipped.axes[axis].settings.name;
         let text = format!("{text}\n[axis.{name}.probe]\n{PROBE}");
         let loaded = isotherm_profile::parse_with(&path, &text, &machines::FILES, &[], &[]);

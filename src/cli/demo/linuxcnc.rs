@@ -18,7 +18,7 @@ use isotherm_profile::{AxisId, Profile};
 /// Shipped machine whose control is LinuxCNC.
 pub(super) const MACHINE: &str = "linuxcnc-mill";
 
-/// Bus of the profile on which the component of LinuxCNC listens.
+/// Name of the bus in the profile at which the isotherm component of LinuxCNC listens.
 const BUS: &str = "control";
 
 /// Interval at which the virtual plant reads the offset from LinuxCNC.

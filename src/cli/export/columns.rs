@@ -1,5 +1,5 @@
-//! Columns of the exported files of a machine. Every file has the columns of all days, because some programs take the
-//! columns of all files from one of them.
+//! Columns of the exported files of a machine. Every file has the columns of all days, because some programs read the
+//! list of columns from only one of the files.
 
 use std::collections::BTreeMap;
 
@@ -49,9 +49,9 @@ impl Columns {
         self.find(name, kind).ok()
     }
 
-    /// Finds the index of a log column in the exported table. The error is the free name under which the column can be
-    /// added. A signal may have the name of one of the first columns, or of a column that has another type on other
-    /// days.
+    /// Finds the index of a log column in the exported table. If the column was not added yet, the error is a free name
+    /// for it. The name may differ from the log, because a signal may have the name of one of the first columns. It may
+    /// also have another type on other days.
     fn find(&self, name: &str, kind: Kind) -> Result<usize, String> {
         let ending = if kind == Kind::Number { "signal" } else { "axis" };
         let mut name = name.to_owned();

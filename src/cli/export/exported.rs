@@ -1,4 +1,4 @@
-//! Exported days: their columns, and writing them again with more columns.
+//! Exported files of earlier days: reads their columns, and writes them again with additional columns.
 
 use std::fs::File;
 use std::path::{Path, PathBuf};

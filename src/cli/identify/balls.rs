@@ -31,7 +31,7 @@ pub(super) struct Touches {
 
 pub(super) fn run(arguments: &Touches, json: bool) -> anyhow::Result<()> {
     let (Some(balls), Some(out)) = (&arguments.balls, &arguments.out) else {
-        anyhow::bail!("name a profile and logs, or --balls and --out");
+        anyhow::bail!("give a profile and logs, or --balls and --out");
     };
     let read = |path: &PathBuf| {
         Dataset::read(std::slice::from_ref(path), &Split::default(), &|_| None, &every_column)

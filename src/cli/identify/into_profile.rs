@@ -19,7 +19,7 @@ use isotherm_identify::written::{Written, written};
 use isotherm_profile::edit::{ModelEdit, put_machine_on, put_model};
 use isotherm_profile::{NO_MACHINE_START, Profile, counted, environment, load_edited, safe_file};
 
-/// Largest number that is tried at the end of a model's file names.
+/// Largest number at the end of a model's file names. Numbers are tried until no file has the name.
 const MOST_FILES: u32 = 10_000;
 
 /// Options for a model that goes into the profile.
@@ -135,14 +135,14 @@ impl IntoProfile {
         Ok(old)
     }
 
-    /// Removes the files of the model, because the profile does not name them.
+    /// Removes the files of the model after a failed edit, because the profile does not name them.
     fn remove_files(&self) {
         for (name, _) in &self.written.files {
             let _ = std::fs::remove_file(self.directory().join(name));
         }
     }
 
-    /// Returns the profile with the model. The files that the profile names must exist.
+    /// Loads the profile with the model from the new text, and returns it. The files that the profile names must exist.
     fn parsed(&self) -> anyhow::Result<Profile> {
         let parsed = load_edited(&self.path, &self.text, &environment());
         Ok(parsed
@@ -150,8 +150,8 @@ impl IntoProfile {
             .profile)
     }
 
-    /// Asks which signal shows the machine start, because the model uses temperature rises since then. Without an
-    /// answer, the profile gets no such signal.
+    /// Asks which signal shows the machine start, because the model uses temperature rises since the machine start.
+    /// Without an answer, the profile gets no such signal.
     fn ask_for_the_start(&mut self, profile: &Profile, yes: bool) -> anyhow::Result<()> {
         say_beside!("{NO_MACHINE_START}");
         if yes {
@@ -160,7 +160,9 @@ impl IntoProfile {
         let bits = profile.signals.iter().filter(|signal| signal.unit.0 == "bool");
         let names: Vec<&str> = bits.map(|signal| signal.name.as_str()).collect();
         if names.is_empty() {
-            say_beside!("  no signal of the profile is a bit; add one, and write it into [machine] as `on`");
+            say_beside!(
+                "  no signal of the profile is a bit; add such a signal, and write its name as `on` into [machine]"
+            );
             return Ok(());
         }
         loop {
@@ -224,7 +226,7 @@ fn prompt(text: &str) -> std::io::Result<()> {
     Out.flush()
 }
 
-/// Asks until the answer is yes or no. The end of the input is no.
+/// Asks until the answer is yes or no. The end of the input counts as no.
 fn agrees(question: &str) -> anyhow::Result<bool> {
     loop {
         prompt(&format!("{question} [yes]: "))?;

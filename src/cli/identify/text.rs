@@ -134,7 +134,7 @@ fn held_out(out: &mut impl Write, found: &Identified) -> io::Result<()> {
     }
 }
 
-/// Prints the error of the model without each of its sensors in turn.
+/// Prints, for each sensor of the model, the error of the model if this sensor is lost.
 fn lost(out: &mut impl Write, found: &Identified) -> io::Result<()> {
     let virtually = found.stand_ins.iter().filter(|stand_in| stand_in.stands_in);
     let virtually = virtually

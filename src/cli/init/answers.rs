@@ -17,7 +17,7 @@ pub(super) struct Answers {
     pub(super) machine: String,
     pub(super) line: Line,
     pub(super) module: Module,
-    /// Modbus unit of the module; `None` if the module is an OPC UA server.
+    /// Modbus unit number of the module; `None` if the module is an OPC UA server.
     pub(super) unit: Option<u8>,
     pub(super) signals: Vec<String>,
     pub(super) axis: String,
@@ -27,16 +27,16 @@ pub(super) struct Answers {
     pub(super) target: Target,
     /// Bus line of the control; `None` if module and control are on the same line.
     pub(super) control: Option<Line>,
-    /// Modbus unit of the control; `None` if the control is an OPC UA server.
+    /// Modbus unit number of the control; `None` if the control is an OPC UA server.
     pub(super) control_unit: Option<u8>,
     pub(super) machine_on: MachineOn,
 }
 
-/// Line to which the module or the control is connected: Modbus, text from the module, or OPC UA.
+/// Bus line to which the module or the control is connected: Modbus, text from the module, or OPC UA.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) enum Line {
     Tcp(String),
-    /// Frames of Modbus ASCII through a serial server.
+    /// Address of a serial server, behind which the line uses frames of Modbus ASCII.
     AsciiOverTcp(String),
     Serial(String, SerialSettings),
     /// URL of an OPC UA server.
@@ -83,7 +83,7 @@ impl Line {
         let is_of_numbers = host.bytes().all(|byte| byte.is_ascii_digit() || byte == b'.');
         if is_of_numbers && host.parse::<Ipv4Addr>().is_err() {
             return Err(format!(
-                "`{host}` is no address: write four numbers from 0 to 255, as 192.168.0.10:502"
+                "`{host}` is not an address: write four numbers from 0 to 255, as 192.168.0.10:502"
             ));
         }
         let is_host = |byte: u8| byte.is_ascii_alphanumeric() || b".-:[]".contains(&byte);
@@ -91,7 +91,7 @@ impl Line {
             Ok(port) if port > 0 && !host.is_empty() && host.bytes().all(is_host) => {
                 Ok(Line::Tcp(format!("{host}:{port}")))
             }
-            _ => Err(format!("`{text}` is no address; {example}")),
+            _ => Err(format!("`{text}` is not an address; {example}")),
         }
     }
 
@@ -118,7 +118,7 @@ impl Line {
         }
     }
 
-    /// Returns whether the line has frames of Modbus ASCII.
+    /// Returns whether the line uses frames of Modbus ASCII.
     pub(super) fn is_ascii(&self) -> bool {
         match self {
             Line::Tcp(_) | Line::OpcUa(_) => false,
@@ -137,7 +137,8 @@ impl Line {
 #[derive(Clone, Debug, PartialEq)]
 pub(super) enum Module {
     Template(Box<ModuleTemplate>),
-    /// Module without a template: the register of the first temperature, and type, word order and scale of all.
+    /// Module without a template: the register of the first temperature, and type, word order and scale of all
+    /// temperatures.
     SpelledOut(Cell, ValueForm),
     /// OPC UA server: the node of each temperature, and the scale of all values, °C per count.
     Nodes(Vec<TemperatureNode>, f64),
@@ -158,7 +159,7 @@ pub(super) struct ModuleTemplate {
     pub(super) variant: Option<String>,
     /// First register of the module, if its template does not fix it.
     pub(super) base: Option<u16>,
-    /// Keys of the channels that the template leaves to the profile, each with its value in the notation of a profile.
+    /// Channel keys that the template does not set, each with its value in the notation of a profile.
     pub(super) keys: Vec<(String, String)>,
 }
 
@@ -167,7 +168,7 @@ impl Module {
         if let Module::Template(template) = self { Some(template) } else { None }
     }
 
-    /// Returns whether the module sends lines of text, so that the control needs a line of its own.
+    /// Returns whether the module sends lines of text. The control then needs another bus line.
     pub(super) fn sends_text(&self) -> bool {
         self.template().is_some_and(|template| template.outline.sends_text)
     }
@@ -211,7 +212,7 @@ pub(super) enum Destination {
     Node(NodeId),
 }
 
-/// Parses a template of a control, a register in either notation, or a node.
+/// Parses the destination of Cz: a template of a control, a register (`holding:104` or `40105`), or an OPC UA node.
 pub(super) fn destination(text: &str, known: &[Outline]) -> Result<Destination, String> {
     if let Some(outline) = known.iter().find(|outline| outline.name == text) {
         return Ok(Destination::Template(outline.clone()));
@@ -247,7 +248,7 @@ pub(super) fn destination(text: &str, known: &[Outline]) -> Result<Destination, 
     ))
 }
 
-/// Parses the register of the first temperature, in either notation, or a part of it.
+/// Parses the register of the first temperature (`input:0` or `30001`), or a part of a register (`input:0.4-15`).
 pub(super) fn first_register(text: &str) -> Result<Cell, String> {
     let cell: Cell = text.parse()?;
     match cell.bits {
@@ -296,8 +297,8 @@ pub(super) fn machine_on(text: &str, channels: &[String]) -> Result<MachineOn, S
     }
 }
 
-/// Parses the first register of a block: a number, or a register in either notation. Five digits that begin with 3 or 4
-/// are a Modicon number, as in a profile.
+/// Parses the first register of a block: a number, a register such as `holding:100`, or a Modicon number such as
+/// `40101`. Five digits that begin with 3 or 4 are a Modicon number, as in a profile.
 pub(super) fn base(text: &str) -> Result<u16, String> {
     let is_modicon = text.len() > 4 && text.starts_with(['3', '4']);
     let register = || text.parse::<Register>().ok().map(|register| register.offset);
@@ -339,8 +340,8 @@ pub(super) fn signals(text: &str, most: usize) -> Result<Vec<String>, String> {
     }
 }
 
-/// Parses a unit. On a serial line, 0 is for all units, and those above 247 are reserved; a device on a network may use
-/// them.
+/// Parses a Modbus unit number. On a serial line, 0 addresses all units, and numbers above 247 are reserved. A device
+/// on a network may use these numbers.
 pub(super) fn unit(text: &str, line: &Line) -> Result<u8, String> {
     let allowed = match line {
         Line::Tcp(_) | Line::OpcUa(_) => 0..=255,

@@ -304,7 +304,8 @@ impl Asking<'_, '_> {
         )
     }
 
-    /// Asks for the destination of Cz and the form of the offset. Also returns the bits of the control's template.
+    /// Asks for the destination of Cz, and for type, word order and scale of the offset. Also returns the bits of the
+    /// control's template.
     fn target(&mut self, known: &[Outline], axis: &str) -> anyhow::Result<(Target, Vec<String>)> {
         let controls: Vec<Outline> = known
             .iter()
@@ -461,8 +462,9 @@ impl Asking<'_, '_> {
     }
 
     /// Returns the line with the settings of its serial port. `options` and `given` are names and values of the options
-    /// for baud rate, parity and data bits. Without a value, the settings are found by trying, if the user agrees, and
-    /// then asked for. For a device that sends text they are only asked for.
+    /// for baud rate, parity and data bits. If no option has a value and the user agrees, the settings are found by
+    /// trying. The user is then asked for each setting, with the found value as default. For a device that sends text,
+    /// nothing is tried.
     fn settled(
         &mut self,
         line: Line,

@@ -14,8 +14,8 @@ const NOT_A_SERVER: &str = "the destination of Cz is a node of an OPC UA server:
 pub(super) const UNSECURED: &str =
     "A line over OPC UA has security = \"none\": its table in the profile shows how to secure it.";
 
-/// Returns host, port and path of the address of an OPC UA server, with any scheme of OPC UA. A host with the registered
-/// port of OPC UA is a server too. `None` if the answer is another address.
+/// Returns host, port and path if the answer is the address of an OPC UA server. Such an address begins with a scheme
+/// of OPC UA, or has the registered port of OPC UA. Returns `None` for any other address.
 pub(super) fn place(text: &str) -> Option<&str> {
     match text.split_once("://") {
         Some((scheme, place)) => scheme.to_ascii_lowercase().starts_with("opc").then_some(place),

@@ -130,7 +130,7 @@ impl<'a> Questions<'a> {
     }
 }
 
-/// Returns a word as it is written in the command line of a shell.
+/// Returns a word of a command line, with shell quotes if it needs them.
 fn in_a_shell(word: &str) -> String {
     let is_plain = |byte: u8| byte.is_ascii_alphanumeric() || b"-_.,:/@".contains(&byte);
     match !word.is_empty() && word.bytes().all(is_plain) {

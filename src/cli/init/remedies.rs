@@ -1,4 +1,5 @@
-//! Remedies after the first reading of a new profile, one for each place where faults are corrected.
+//! Remedies for signals without a value, after `isotherm init` has read every signal once. Each remedy names the place
+//! of the correction: profile, device, sensor, or wiring.
 
 use crate::observe::status::SignalStatus;
 use isotherm_core::reading::Remedy;

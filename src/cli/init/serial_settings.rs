@@ -1,4 +1,4 @@
-//! Settings of a serial line, found by trying: each setting gets two reads from one unit.
+//! Settings of a serial line, found by trying: with each setting, two reads are sent to one unit.
 
 use std::time::Duration;
 
@@ -70,7 +70,7 @@ impl SerialSettings {
 pub(super) type FindSettings<'a> =
     &'a dyn Fn(&str, SerialSettings, u8) -> Result<Option<SerialSettings>, String>;
 
-/// Number of settings that are tried, and the longest time for them.
+/// Returns the number of settings that are tried, and the longest total time of the tries.
 pub(super) fn extent() -> (usize, Duration) {
     let count = BAUDS.len() * PARITIES.len();
     let requests = u32::try_from(count * REGISTERS.len()).unwrap_or(u32::MAX);

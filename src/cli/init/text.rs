@@ -9,7 +9,7 @@ use crate::discovery::Register;
 use isotherm_core::codec::Element;
 use isotherm_profile::{Bits, Cell};
 
-/// Keys of the line of an OPC UA server after its address. The comments show how to secure it.
+/// Keys that follow the address in the table of an OPC UA bus. Their comments show how to secure the connection.
 const OF_SERVER: &str = r#"security = "none"                    # only if the network connects nothing but this machine
 # Use "sign-and-encrypt" if the server supports it: `isotherm scan --bus ADDRESS` shows that, and prints such lines.
 # security = "sign-and-encrypt"
@@ -84,7 +84,7 @@ fn write_profile(text: &mut String, answers: &Answers) -> std::fmt::Result {
     )
 }
 
-/// Writes a line. `sends_text`: its module sends lines of text.
+/// Writes the table of a bus line. `sends_text`: the module on this line sends lines of text.
 fn line(text: &mut String, name: &str, line: &Line, sends_text: bool) -> std::fmt::Result {
     let kind = match line {
         _ if sends_text => "serial-ascii",
@@ -200,7 +200,7 @@ fn node(text: &mut String, TemperatureNode { node, element }: &TemperatureNode) 
     }
 }
 
-/// Writes the unit of a device. `None`: the device is an OPC UA server.
+/// Writes the key `unit` of a device. `None`: the device is an OPC UA server, which has no unit number.
 fn unit(text: &mut String, unit: Option<u8>) -> std::fmt::Result {
     match unit {
         Some(unit) => writeln!(text, "unit  = {unit}"),
@@ -290,7 +290,7 @@ fn offset_scale(text: &mut String, form: &ValueForm) -> std::fmt::Result {
     )
 }
 
-/// Returns a text as a string of a profile. Names of nodes may contain quotes.
+/// Returns a text as a TOML string, with escapes if needed: names of nodes may contain quotes.
 fn quoted(text: &impl Display) -> toml::Value {
     toml::Value::String(text.to_string())
 }

@@ -26,7 +26,7 @@ pub(super) struct ValueForm {
     pub(super) data_type: DataType,
     /// Order of the registers; `None` for a value of one register or of a node.
     pub(super) word_order: Option<WordOrder>,
-    /// Value of one count of the register or node, in the unit of the value.
+    /// Value of one count of the register or node, in °C for a temperature and in µm for an offset.
     pub(super) scale: f64,
     /// Register of the device with the power of ten of the scale; `None` if the scale is fixed.
     pub(super) scale_from: Option<Cell>,

@@ -10,7 +10,7 @@ use isotherm_identify::learning::TakenRun;
 #[derive(Debug, Serialize)]
 pub(super) struct AxisResult {
     pub(super) axis: String,
-    /// Runs in the logs that were not learned from before.
+    /// New runs in the logs, which were not used for learning before.
     pub(super) new: Vec<TakenRun>,
     /// Number of runs from which the candidate was learned.
     pub(super) runs: usize,

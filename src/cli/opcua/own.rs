@@ -63,7 +63,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     };
     let (is_new, bytes) = (made.is_some(), made.unwrap_or(own.cert.bytes));
     let certificate = Certificate::read(&bytes)
-        .with_context(|| format!("{shown_cert} is no certificate in DER or PEM form"))?;
+        .with_context(|| format!("{shown_cert} is not a certificate in DER or PEM form"))?;
     if arguments.line.json {
         return print_json(&serde_json::json!({
             "bus": own.bus, "made": is_new, "cert": cert, "key": key, "certificate": certificate,

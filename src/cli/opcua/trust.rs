@@ -81,15 +81,15 @@ fn of_the_server<'o>(line: &SecuredLine, offers: &'o [Offer]) -> anyhow::Result<
     })
 }
 
-/// Returns the file with this certificate among the trusted ones; `None` if it is not trusted yet.
+/// Returns the path of the trusted file that contains this certificate; `None` if the certificate is not trusted yet.
 fn trusted_already(line: &SecuredLine, certificate: &Certificate) -> Option<PathBuf> {
     let known = line.bus.opcua.iter().flat_map(|opcua| &opcua.trusted);
     let mut known = known.filter_map(|file| Some((file, Certificate::read(&file.bytes)?)));
     known.find(|(_, known)| known.der == certificate.der).map(|(file, _)| line.beside.join(&file.name))
 }
 
-/// Checks the thumbprint given as an option, or else asks the user to confirm it. Returns an error if it is not
-/// confirmed.
+/// Checks the thumbprint given as an option, or else asks the user to confirm it. Returns an error if the thumbprint is
+/// not confirmed.
 fn agreed(thumbprint: Option<&str>, certificate: &Certificate) -> anyhow::Result<()> {
     if let Some(thumbprint) = thumbprint {
         let is_it = certificate.has_thumbprint(thumbprint).map_err(anyhow::Error::msg)?;

@@ -1,4 +1,5 @@
-//! Modes of a structure for a virtual machine, and the files of the example.
+//! Thermal modes of a structure for the plant of a virtual machine (`--modes`), and files of the example column
+//! (`--example`).
 
 use crate::cli::print::say;
 use std::path::Path;

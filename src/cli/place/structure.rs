@@ -226,8 +226,8 @@ fn differs(first: &FeInput, other: &FeInput) -> Option<String> {
     ))
 }
 
-/// Returns the node sets as sets, so that they can be compared without the order of their nodes. The order in the first
-/// file determines the rows of P.
+/// Returns the node sets without the order of their nodes, to compare two files. The order in the first file determines
+/// the rows of P.
 fn members(mesh: &Mesh) -> BTreeMap<&str, BTreeSet<usize>> {
     mesh.node_sets.iter().map(|(name, nodes)| (name.as_str(), nodes.iter().copied().collect())).collect()
 }

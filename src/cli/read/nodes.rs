@@ -1,4 +1,4 @@
-//! Nodes of an OPC UA server, for a user who searches for a node.
+//! `isotherm read --browse`: lists nodes of an OPC UA server.
 
 use crate::cli::print::print_json;
 use crate::cli::print::{say, say_beside};

@@ -104,7 +104,7 @@ impl One {
     }
 }
 
-/// Returns the line and the unit number of the arguments.
+/// Returns the bus line and the unit number that the arguments name.
 fn line(target: &Target, one: &One, json: bool) -> anyhow::Result<(Line, u8)> {
     let Some(name) = &one.device else {
         if target.bus.is_none() {
@@ -197,7 +197,8 @@ fn print_exchange(exchange: &Exchange) {
     say_beside!("{exchange}");
 }
 
-/// Prints one reading. If `now` is given, the reading is one of many, and an error is printed without ending the verb.
+/// Prints the result of one read. With `--watch`, `now` is the time of the read, and an error is printed without ending
+/// the verb.
 fn print(
     values: &Result<Vec<RegisterValue>, String>,
     form: &ValueFormat,

@@ -160,7 +160,8 @@ fn open(path: &Path, header: &str) -> anyhow::Result<File> {
     new_file::create(path, header)
 }
 
-/// Summary of the recording. A user sees whether a column lacks values while the displacement sensor is still mounted.
+/// Summary of the recording, with the missing values of each column. The user sees it while the displacement sensor is
+/// still mounted.
 impl fmt::Display for Recording {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let span = Duration::from_secs(self.last.since(self.first).as_secs());

@@ -107,7 +107,8 @@ impl Findings {
 }
 
 /// Returns the stand-ins (calculated values for lost sensors) that supervise a sensor, with the index of their model.
-/// Stand-ins of the model in use are preferred. Otherwise, stand-ins of the first model with some are returned.
+/// Stand-ins of the model in use are preferred. Otherwise, those of the first model that has stand-ins for the sensor
+/// are returned.
 fn watching(models: &[Model], used: Option<usize>, signal: SignalId) -> Option<(usize, &StandIns)> {
     let others = (0..models.len()).filter(|place| Some(*place) != used);
     let places = used.into_iter().chain(others);

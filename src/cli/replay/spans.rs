@@ -110,7 +110,7 @@ struct SpanList<T> {
 struct Open<T> {
     what: T,
     begun: Moment,
-    /// Index in the list of stored time spans; `None` if it is only counted.
+    /// Index in the list of stored time spans; `None` if this time span is not stored, only counted.
     place: Option<usize>,
     /// Whether the finding is also true in the present log row.
     lasts: bool,

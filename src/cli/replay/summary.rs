@@ -41,11 +41,11 @@ pub struct AxisSummary {
     pub cz_um: Option<Range>,
     /// Share of the log rows, from 0 to 1, in each state of the axis that occurred.
     pub states: BTreeMap<&'static str, f64>,
-    /// Share of the log rows, from 0 to 1, at which the model was worse than no compensation by the measurements of the
-    /// probe. `None` if there were no such rows.
+    /// Share of the log rows, from 0 to 1, at which the model was worse than no compensation, according to the
+    /// measurements of the probe. `None` if there were no such rows.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub worse: Option<f64>,
-    /// Names of the learned models that the axis preferred, in the order of time.
+    /// Names of the learned models that the axis preferred to the models of its profile, in the order of time.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub learned: Vec<String>,
     /// Time spans in which sensors were replaced or suspected, or in which the axis was on hold.
@@ -133,7 +133,7 @@ struct AxisTally {
     states: BTreeMap<&'static str, u64>,
     /// Number of log rows in which the model was worse than no compensation.
     worse: u64,
-    /// Learned models that the axis preferred.
+    /// Learned models that the axis preferred to the models of its profile.
     learned: Vec<String>,
     spans: SpanTally,
     before: Spread,
@@ -237,8 +237,8 @@ impl Tally {
         }
     }
 
-    /// Records that a run begins with this state. If the file of stand-ins of a model differs from that of the log,
-    /// stores the first such axis and model.
+    /// Checks the state with which the gateway begins at this row of the log. Stores the first axis and model whose
+    /// file of stand-ins has changed since the log, and the first axis whose learned model is not used.
     pub(super) fn begins(&mut self, profile: &Profile, memory: &Remembered) {
         let found = memory.other_stand_ins(profile.axes.iter().map(|axis| &axis.settings));
         let named = found.map(|(axis, model)| (axis.to_owned(), model.to_owned()));
@@ -248,7 +248,7 @@ impl Tally {
         self.superseded = self.superseded.take().or(named);
     }
 
-    /// Records the learned model that an axis prefers.
+    /// Records the learned model that an axis prefers to the models of its profile.
     pub(super) fn learned(&mut self, place: usize, name: &str) {
         if let Some(axis) =
             self.axes.get_mut(place).filter(|axis| axis.learned.last().is_none_or(|last| last != name))

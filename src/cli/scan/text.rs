@@ -18,10 +18,10 @@ use isotherm_profile::{BusId, Profile};
 
 /// Registers at the beginning of a SunSpec map: `SunS`.
 const SUNSPEC: [u16; 2] = [0x5375, 0x6e53];
-/// Indentation of a hint below its line.
+/// Indentation of a hint below the line of its fault, in characters.
 const UNDER: usize = 6;
 
-/// Returns a sentence about the requests of the scan, and its longest duration.
+/// Returns a sentence with the requests and the longest duration of the scan.
 pub(super) fn plan(scan: &Scan) -> String {
     let registers: Vec<String> =
         scan.registers.iter().map(|address| format!("{address} ({})", address.modicon())).collect();
@@ -83,7 +83,7 @@ pub(super) fn range(unit: u8, range: &RegisterRange) -> String {
     }
 }
 
-/// Returns the units that were found as lines for a profile, with a hint if the device ignores the unit number.
+/// Returns lines for a profile with the units that were found, and a hint if the device ignores the unit number.
 pub(super) fn summary(
     scan: &Scan,
     found: &[(LineAddress, Responder)],

@@ -15,7 +15,7 @@ use isotherm_profile::{counted, duration_text};
 
 /// Number of last events that are shown; `isotherm events` shows all.
 const LAST_EVENTS: usize = 5;
-/// Indentation of a hint below its line.
+/// Indentation of a hint below the line of its fault, in characters.
 const UNDER: usize = 6;
 
 pub(super) fn of(status: &Value) -> String {
@@ -206,7 +206,7 @@ fn learned_model(learned: &Value) -> String {
     text
 }
 
-/// Returns a sentence about a model that is worse than no compensation, and what its axis does about that.
+/// Returns a sentence that says since when a model is worse than no compensation, and how its axis reacts.
 fn worse_model(worse: &Value) -> String {
     let left = |key: &str| worse[key].as_f64().and_then(Micron::new).unwrap_or_default();
     let touches = worse["touches"].as_u64().and_then(|count| usize::try_from(count).ok());
@@ -275,8 +275,8 @@ fn moment(value: &Value) -> String {
     word(value).get(..19).unwrap_or_default().replace('T', " ")
 }
 
-/// Returns the label in brackets. It is placed at the end of the line, because characters of some scripts are wider
-/// than others.
+/// Returns the label of a signal, output or device in brackets; empty without a label. The label is at the end of the
+/// line, because characters of some scripts are wider than others.
 fn aside(what: &Value) -> String {
     match word(&what["label"]) {
         "" => String::new(),

@@ -14,7 +14,7 @@ pub(crate) struct StoredObject {
     is_writable: bool,
 }
 
-/// Objects of a node by index and sub-index.
+/// Objects of a CANopen node by index and sub-index.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Dictionary {
     objects: BTreeMap<Entry, StoredObject>,
@@ -80,7 +80,7 @@ impl Dictionary {
         Some(u64::from_le_bytes(eight))
     }
 
-    /// Restores the objects with these indices to their values in another dictionary.
+    /// Sets the objects with these indices to their values in the dictionary `from`.
     pub(crate) fn restore(&mut self, from: &Dictionary, indices: std::ops::Range<u16>) {
         for (at, object) in from.objects.range(Entry::new(indices.start, 0)..Entry::new(indices.end, 0)) {
             self.objects.insert(*at, object.clone());

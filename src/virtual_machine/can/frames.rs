@@ -6,7 +6,7 @@ use crate::virtual_machine::registers::Bank;
 use isotherm_core::codec::{Address, BitField, CanId, CanMatch, Encoded, Field, Frame, Selector};
 use isotherm_profile::{DeviceId, Profile, Verify};
 
-/// One kind of frame that a device sends. A multiplexed frame has one image for each value of its selector.
+/// Layout of a frame that a device sends. A multiplexed frame has one layout for each value of its selector.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Image {
     id: CanId,
@@ -117,14 +117,14 @@ impl Image {
         if self.length > 8 { Frame::fd(self.id, bytes) } else { Frame::classic(self.id, bytes) }
     }
 
-    /// Returns the number of bytes that the frame must have for all its values.
+    /// Returns the number of bytes of the frame with all its values.
     pub(crate) const fn length(&self) -> usize {
         self.length
     }
 }
 
 impl ReceivedValue {
-    /// Returns the identifiers of the frames with the value, and its position in them.
+    /// Returns the identifiers of the frames that contain the value, and the position of the value in these frames.
     pub(crate) const fn field(&self) -> &Field {
         &self.field
     }
@@ -136,7 +136,7 @@ impl ReceivedValue {
     }
 }
 
-/// Extracts the values that a device uses from a received frame.
+/// Extracts from a received frame the values that a device uses.
 pub(crate) fn delivered(taken: &[ReceivedValue], frame: &Frame) -> Delivery {
     let awaited = taken.iter().filter(|value| value.field.frames.takes(frame.id()));
     let read: Option<Vec<_>> = awaited
@@ -150,7 +150,7 @@ pub(crate) fn delivered(taken: &[ReceivedValue], frame: &Frame) -> Delivery {
     }
 }
 
-/// Returns the start of a frame with this number of bytes. CAN FD does not have every length; the start is then
+/// Returns the frame cut to its first `bytes` bytes. CAN FD does not permit every length; the returned frame is then
 /// shorter.
 pub(crate) fn beginning(frame: &Frame, bytes: usize) -> Option<Frame> {
     let length = bytes.min(frame.data().len());

@@ -96,7 +96,7 @@ impl Port {
                     "this kernel does not support CAN: run `modprobe can-raw` as root".to_owned()
                 }
                 Fault::Link(LinkFault::Can(CanFault::NotCan)) => {
-                    "this is no CAN interface: name one, as \"can0\" or \"vcan0\"".to_owned()
+                    "this is not a CAN interface: name one, such as \"can0\" or \"vcan0\"".to_owned()
                 }
                 fault => fault.to_string(),
             })

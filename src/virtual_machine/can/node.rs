@@ -72,7 +72,7 @@ pub(crate) struct Pdo {
     syncs: u8,
 }
 
-/// Action of a node that its line executes.
+/// Action of a node that the virtual CAN line executes for it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum NodeAction {
     /// Send this frame.
@@ -81,7 +81,7 @@ pub(crate) enum NodeAction {
     Measured(usize),
     /// Discard all written values, as after power-on. A call of [`Node::boot`] must follow.
     Reset,
-    /// Copy the objects that the node itself has restored to the stored values of the device.
+    /// Update the stored values of the device, because the node itself has restored some objects.
     Restored,
 }
 

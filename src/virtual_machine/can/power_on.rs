@@ -1,7 +1,7 @@
 //! Initial state of a virtual CAN device at power-on.
 //!
 //! Objects in the setup list of the profile do not have the values of that list yet. Timers among them are zero, so
-//! that a node without setup sends nothing, as a real one. Objects that the profile only verifies have the expected
+//! that a node without setup sends nothing, like a real node. Objects that the profile only verifies have the expected
 //! values.
 
 use std::time::Duration;

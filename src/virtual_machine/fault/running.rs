@@ -77,7 +77,8 @@ impl Faults {
         })
     }
 
-    /// Returns the fault of an SDO request, or of a frame with written values, and counts it.
+    /// Returns the active fault for an SDO request or for a frame with written values, and counts it; `None` if there
+    /// is none.
     pub(crate) fn sdo(&mut self, device: DeviceId, is_write: bool, now: Moment) -> Option<Kind> {
         self.strikes(device, now, |kind| match kind {
             Kind::Reply(ReplyFault::IgnoredWrite) if !is_write => None,
@@ -92,7 +93,8 @@ impl Faults {
         self.strikes(device, now, |kind| (*kind == Kind::Reply(ReplyFault::Silent)).then_some(())).is_some()
     }
 
-    /// Returns the fault of a frame with measured values (random bytes, or too short), and counts it.
+    /// Returns the active fault for a frame with measured values (random bytes, or too short), and counts it; `None` if
+    /// there is none.
     pub(crate) fn spoils(&mut self, device: DeviceId, now: Moment) -> Option<Kind> {
         self.strikes(device, now, |kind| match kind {
             Kind::Reply(ReplyFault::Garbage) | Kind::Can(CanFault::ShortFrame) => Some(kind.clone()),
@@ -100,7 +102,8 @@ impl Faults {
         })
     }
 
-    /// Returns the first active fault of the device that `what` selects, and counts it.
+    /// Returns the result of `what` for the first active fault of the device that `what` selects, and counts this
+    /// fault.
     fn strikes<T>(&mut self, device: DeviceId, now: Moment, what: impl Fn(&Kind) -> Option<T>) -> Option<T> {
         self.running.iter_mut().filter(|running| running.fault.device == device).find_map(|running| {
             let found = what(&running.fault.kind).filter(|_| running.is_active(now))?;
@@ -117,7 +120,7 @@ impl Faults {
         })
     }
 
-    /// Returns the signals of the device whose nodes do not show their numbers now.
+    /// Returns the signals of the device whose OPC UA nodes now contain a bad status or a text instead of a number.
     #[cfg(feature = "opcua")]
     pub(crate) fn nodes(
         &self,
@@ -130,8 +133,8 @@ impl Faults {
         })
     }
 
-    /// Returns whether the device sends nothing at all now. A fault with a number of replies is ignored here, because
-    /// it concerns only calls.
+    /// Returns whether the device sends nothing at all now. A fault that ends after a number of replies is ignored
+    /// here, because it affects only replies to calls.
     #[cfg(feature = "opcua")]
     pub(crate) fn is_silent(&self, device: DeviceId, now: Moment) -> bool {
         self.active(now).filter(|fault| fault.device == device).any(|fault| {
@@ -140,12 +143,12 @@ impl Faults {
         })
     }
 
-    /// Counts an answer of the device for each of its broken signals.
+    /// Counts an answer of the device for each broken signal of the device.
     pub(crate) fn count_signals(&mut self, device: DeviceId, now: Moment) {
         self.count_shown(device, now, |_| true);
     }
 
-    /// Counts an answer of the device for each of its broken signals that the answer shows.
+    /// Counts an answer of the device for each broken signal that the answer contains.
     pub(crate) fn count_shown(&mut self, device: DeviceId, now: Moment, is_shown: impl Fn(SignalId) -> bool) {
         for running in self.running.iter_mut().filter(|running| running.fault.device == device) {
             let is_counted = match running.fault.kind {

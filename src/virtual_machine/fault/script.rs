@@ -41,7 +41,7 @@ impl Lines {
         }
     }
 
-    /// Returns whether `line` is one of these kinds of lines.
+    /// Returns whether these kinds of lines include the kind `line`.
     fn include(self, line: Lines) -> bool {
         match self {
             Any => true,
@@ -178,8 +178,8 @@ impl FaultFile {
                     "not possible on an OPC UA server, which has no registers, exceptions and frames; allowed: \
                      {possible}"
                 ),
-                (_, Nodes) => format!("`{}` is no OPC UA server", self.device),
-                _ => format!("`{}` is no device on a CAN line", self.device),
+                (_, Nodes) => format!("`{}` is not an OPC UA server", self.device),
+                _ => format!("`{}` is not a device on a CAN line", self.device),
             });
         }
         let kind = make(&mut self, profile)?;
@@ -193,7 +193,7 @@ impl FaultFile {
             }
             Kind::Reply(ReplyFault::Shift { .. } | ReplyFault::Keep { .. }) if !is_tcp => {
                 return Err(
-                    "an RTU line has no gateway that stamps transactions: choose another kind of fault"
+                    "an RTU line has no gateway that numbers transactions: choose another kind of fault"
                         .to_owned(),
                 );
             }
@@ -232,8 +232,10 @@ impl FaultFile {
                 );
             }
             Kind::Acknowledge(_) if self.replies.is_some() => {
-                return Err("an acknowledge signal is no reply, so `for` cannot count it: write `for_time`"
-                    .to_owned());
+                return Err(
+                    "an acknowledge signal is not a reply, so `for` cannot count it: write `for_time`"
+                        .to_owned(),
+                );
             }
             Kind::Acknowledge(_) if !answers_strobes(profile, DeviceId(device)) => {
                 return Err(format!("no output or set of `{}` has a handshake", self.device));
@@ -252,8 +254,8 @@ impl FaultFile {
         reply(ReplyFault::Exception(u8::try_from(code).map_err(|_| "`code` must be at most 255")?))
     }
 
-    /// Returns the delay of the unit's answer, and the exception code with which the Modbus gateway answers before, at
-    /// its timeout. `None`: the Modbus gateway does not answer.
+    /// Returns the delay of the unit's answer, and the exception code that the Modbus gateway sends earlier, at its
+    /// timeout. `None`: the Modbus gateway does not answer.
     fn given_up(&mut self) -> Result<(Duration, Option<u8>), String> {
         let code =
             self.code.take().map(u8::try_from).transpose().map_err(|_| "`code` must be at most 255")?;
@@ -301,8 +303,8 @@ impl FaultFile {
         Ok(Kind::Register { address, words })
     }
 
-    /// Makes the fault in which a node has a bad status: the node of `signal`, or without this key every node of a
-    /// call.
+    /// Makes the fault in which an OPC UA node has a bad status. The key `signal` names the signal of this node.
+    /// Without this key, every node of a call has the bad status.
     fn status(&mut self, profile: &Profile) -> Result<Kind, String> {
         let status = self.code.take().map_or(Status::SENSOR_FAILURE, Status);
         if status.is_good() {
@@ -341,7 +343,7 @@ impl FaultFile {
             "nan" => Reads::Nan,
             "value" => {
                 let value = self.value.take().filter(|value| value.is_finite());
-                Reads::Value(value.ok_or("`value` is missing or no finite number")?)
+                Reads::Value(value.ok_or("`value` is missing or not a finite number")?)
             }
             _ => {
                 let raw = self.raw.take().or_else(|| signal.encoding.bad.first().map(|bad| bad.raw));

@@ -42,7 +42,7 @@ fn what_makes_no_sense_is_refused() {
         ),
         (
             one("thermocouples", "value", "signal = \"bed\"\nvalue = nan"),
-            "`value` is missing or no finite number",
+            "`value` is missing or not a finite number",
         ),
         (one("cnc", "register", "register = \"coil:0\"\nwords = [2]"), "a bit is 0 or 1"),
         (one("cnc", "register", "register = \"holding:65535\"\nwords = [0, 2]"), "2 words from"),
@@ -120,7 +120,7 @@ fn an_opc_ua_server_has_faults_of_nodes_and_connections_and_none_of_registers() 
         (one("cnc", "babbling", ""), "not possible on an OPC UA server"),
         (one("cnc", "status", "code = 0"), "`code` must be a status that is not good"),
         (one("cnc", "text", ""), "`signal` is missing"),
-        (one("thermocouples", "status", ""), "`thermocouples` is no OPC UA server"),
+        (one("thermocouples", "status", ""), "`thermocouples` is not an OPC UA server"),
     ] {
         let refusal = refusal(text).unwrap();
         assert!(refusal.contains(expected), "{refusal}");

@@ -46,7 +46,7 @@ impl CanUnit {
         Some(CanUnit { node, sent, taken, objects })
     }
 
-    /// Returns the objects in use that `which` selects, with their values.
+    /// Returns the objects that the profile uses and `which` selects, with their stored values.
     fn standing(&self, which: impl Fn(Entry) -> bool) -> Vec<(Address, Encoded)> {
         let objects = self.objects.iter().filter(|object| which(object.entry));
         let current = |object: &Object| object.registers(self.node.objects.get(object.entry)?);

@@ -25,7 +25,7 @@ pub(in crate::virtual_machine) struct NodeReply<T> {
 }
 
 impl Hardware {
-    /// Returns how often the unit of a device was started.
+    /// Returns how often the unit of a device was switched on or restarted.
     pub(in crate::virtual_machine) fn boots(&mut self, device: DeviceId, now: Moment) -> u16 {
         self.advance_to(now);
         self.units[self.unit_of[device.0]].boots

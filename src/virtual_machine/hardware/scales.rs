@@ -6,12 +6,12 @@ use crate::virtual_machine::registers::Bank;
 use isotherm_core::codec::{Address, Encoding};
 use isotherm_profile::{Profile, Signal};
 
-/// Power of ten at power-on, unless a value needs a larger one: one decimal.
+/// Usual power of ten at power-on, for values with one decimal. A signal with a large range needs a larger power.
 const USUAL: i8 = -1;
 const LARGEST: i8 = 9;
 
-/// Returns the power of ten at power-on of the scale of this signal. The values of all signals with this scale fit
-/// their types.
+/// Returns the power of ten that the scale register of this signal contains at power-on. With it, the values of all
+/// signals with this scale register fit their types.
 pub(super) fn at_power_on(profile: &Profile, signal: &Signal) -> i8 {
     let place =
         |signal: &Signal| signal.scale_from.as_ref().map(|from| (from.address, from.encoding.data_type));

@@ -19,7 +19,7 @@ use super::manager::NodesBuilder;
 use super::nodes::APPLICATION;
 use isotherm_profile::{Bus, User};
 
-/// Interval at which the start of the library is checked.
+/// Interval of the checks whether the library has started.
 const STARTING: Duration = Duration::from_millis(5);
 /// Directory that cannot exist, so that the library reads and stores no certificate.
 const NO_DIRECTORY: &str = "/dev/null/certificates";

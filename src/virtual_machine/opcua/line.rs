@@ -76,8 +76,8 @@ impl NodeLine {
         self.server.nodes.get(place?)
     }
 
-    /// Reads nodes in one call, and returns their values and the fault of the answer. A place is `None` for a node that
-    /// the server does not have.
+    /// Reads nodes in one call, and returns their values and the fault of the answer. `places` are the indices of the
+    /// nodes in the list of the server; `None` for a node that the server does not have.
     pub(super) fn read(&self, places: &[Option<usize>]) -> (Vec<DataValue>, Option<ReplyFault>) {
         let nodes: Vec<Option<&ServerNode>> = places.iter().map(|place| self.node(*place)).collect();
         let parts: Vec<Node> = nodes.iter().flatten().flat_map(|node| node.parts.iter().cloned()).collect();

@@ -36,7 +36,7 @@ pub(super) struct NodesBuilder {
 /// Nodes of a server. Each read, sample and write goes to the hardware.
 pub(super) struct Nodes {
     line: Arc<NodeLine>,
-    /// Place of each node in the list of the line.
+    /// Index of each node in the node list of the server.
     places: HashMap<NodeId, usize>,
     namespaces: Vec<NamespaceMetadata>,
     sampler: SyncSampler,

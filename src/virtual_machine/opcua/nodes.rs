@@ -50,7 +50,8 @@ impl ServerNode {
         }
     }
 
-    /// Returns the lengths of the node's array, in which each named element has a place; `None` for a single value.
+    /// Returns the length of the node's array in each dimension, large enough for all elements that the profile names;
+    /// `None` for a single value.
     pub(super) fn dimensions(&self) -> Option<Vec<u32>> {
         let rank = self.parts.first()?.element.as_ref()?.indices().len();
         let mut lengths = vec![1; rank];

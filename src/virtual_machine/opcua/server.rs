@@ -16,7 +16,7 @@ use crate::virtual_machine::random::stream;
 
 /// Maximum number of bytes that are passed on at once.
 const PIECE: usize = 16 * 1024;
-/// Interval at which the end of a silence is checked.
+/// Interval of the checks whether a silent device answers again.
 const SILENT: Duration = Duration::from_millis(20);
 
 /// Virtual OPC UA server of one bus.
@@ -104,7 +104,7 @@ pub(super) async fn pass_on<S: AsyncRead + AsyncWrite>(
     }
 }
 
-/// Returns the fault of the next answer, once.
+/// Returns the fault of the next answer. Each fault is returned only once; afterwards, `Cut::None` is returned.
 fn next_cut(cuts: &mut watch::Receiver<Cut>) -> Cut {
     if cuts.has_changed().unwrap_or(false) { *cuts.borrow_and_update() } else { Cut::None }
 }

@@ -102,7 +102,8 @@ impl Duty {
         }
     }
 
-    /// Returns the present share of the power of a heat source that runs in this state of the machine.
+    /// Returns the factor by which the power of a heat source is multiplied now. The source has power in the machine
+    /// state `when`; otherwise the factor is 0.
     pub(super) fn share(&self, when: When) -> f64 {
         match (self.holds(when), when) {
             (false, _) => 0.0,

@@ -50,7 +50,8 @@ pub(super) struct AmbientSpec {
     pub(super) varies: AmbientVaries,
 }
 
-/// Largest differences between the days of different seeds, in both directions, uniformly distributed.
+/// Largest deviations of a simulated day from the values of [`AmbientSpec`], in both directions. The seed of the day
+/// determines the deviations, which are uniformly distributed.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub(super) struct AmbientVaries {
@@ -109,7 +110,8 @@ pub(super) struct Source {
     pub(super) name: String,
     pub(super) node: usize,
     pub(super) watts: f64,
-    /// Largest relative difference of the power between days of different seeds.
+    /// Largest relative deviation of the power on a simulated day, from 0 to 1. The seed of the day determines the
+    /// deviation.
     pub(super) varies: f64,
     pub(super) when: When,
 }

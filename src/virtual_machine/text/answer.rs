@@ -113,7 +113,7 @@ impl Sender {
     }
 }
 
-/// Returns the lines with these values. The values of one answer of DCON are in one line.
+/// Returns the text lines with these values. For a DCON module, all values of one answer are in one text line.
 fn lines(group: &TextGroup, values: &[f64]) -> Vec<String> {
     let places: Vec<usize> = group.patterns.iter().map(|pattern| pattern.skipped()).collect();
     if let Some(pattern) = group.patterns.first()

@@ -23,7 +23,8 @@ pub(in crate::virtual_machine) struct TextGroup {
     pub(super) every: Duration,
 }
 
-/// Returns the profile with an address in registers for each text, and the groups of texts with these addresses.
+/// Assigns registers to each value that a device sends as text. Returns the profile with the addresses of these
+/// registers, and the groups of values.
 pub(in crate::virtual_machine) fn in_registers(profile: &Profile) -> (Profile, Vec<TextGroup>) {
     let (mut changed, mut groups, mut next) = (profile.clone(), Vec::new(), 0_u16);
     for (index, device) in profile.devices.iter().enumerate() {

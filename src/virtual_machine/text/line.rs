@@ -68,8 +68,8 @@ impl TextLine {
     }
 }
 
-/// Sends and answers until the stream ends. With `pace`, each byte takes as long as on a serial line with these
-/// settings.
+/// Sends values and answers requests until the stream ends. With `pace`, each byte takes as long as on a serial line
+/// with these settings.
 pub(super) async fn converse<S>(mut stream: S, line: &TextLine, pace: Option<Serial>) -> io::Result<()>
 where
     S: AsyncRead + AsyncWrite + Unpin,

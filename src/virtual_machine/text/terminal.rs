@@ -10,7 +10,7 @@ use crate::virtual_machine::listener::Switch;
 use crate::virtual_machine::pseudo_terminal::{VirtualPort, after};
 use isotherm_profile::Serial;
 
-/// Serves the devices of a line on a port, until `stop` changes or its sender is dropped.
+/// Serves the devices of a bus line on a serial port, until `stop` changes or its sender is dropped.
 pub(in crate::virtual_machine) async fn serve<S: Into<Switch>>(
     mut port: VirtualPort,
     serial: Serial,
@@ -31,7 +31,8 @@ pub(in crate::virtual_machine) async fn serve<S: Into<Switch>>(
     }
 }
 
-/// Sends to the client that has opened the port. Never returns while the port is removed.
+/// Sends values to the client that has opened the port, and answers its requests. Never returns while the port is
+/// removed.
 async fn talk(port: &VirtualPort, line: &TextLine, serial: Serial) -> io::Result<()> {
     loop {
         let stream = port.stream().await?;

@@ -70,7 +70,7 @@ fn a_person_who_says_no_changes_nothing_and_one_who_says_yes_has_the_register_ba
         "{said}"
     );
     assert!(
-        said.contains("by at most 1 µm an update and 1000 µm/s, within ±2000 µm: this takes about 1s"),
+        said.contains("by at most 1 µm per update and 1000 µm/s, within ±2000 µm: this takes about 1s"),
         "{said}"
     );
     for typed in ["no\n", "\n", "yes please\n"] {

@@ -177,7 +177,7 @@ fn a_zone_that_is_none_is_refused_with_the_one_that_was_meant() {
     for (zone, says) in [
         ("Europe/Berln", "did you mean Europe/Berlin?"),
         ("MEZ+1:2:3", "write a zone as Europe/Berlin"),
-        ("UTC+1", "before UTC or after it"),
+        ("UTC+1", "ahead of UTC or behind UTC"),
     ] {
         let answer = asked(home.path(), &["report"], &[("day.csv", day(1))], &["--zone", zone]);
         assert_eq!(answer.code, Some(2));

@@ -33,7 +33,7 @@ fn what_makes_no_sense_on_a_can_line_is_refused() {
         assert!(error.contains(expected), "{error}");
     }
     let modbus = FaultScript::parse(&fault("cnc", "babbling", ""), &profile()).unwrap_err().to_string();
-    assert_eq!(modbus, "fault 1 (babbling): `cnc` is no device on a CAN line");
+    assert_eq!(modbus, "fault 1 (babbling): `cnc` is not a device on a CAN line");
 }
 
 #[test]

@@ -93,7 +93,7 @@ impl<'a> Displacements<'a> {
         self.sign(&place, file.sign);
         let (from, to) = (file.from_mm.unwrap_or(f64::MIN), file.to_mm.unwrap_or(f64::MAX));
         self.finite(&place, "every number", &[file.coefficient, file.reference_mm, from, to]);
-        self.check.demand(from < to, || format!("{place}: from_mm must lie below to_mm"));
+        self.check.demand(from < to, || format!("{place}: from_mm must be less than to_mm"));
         let point = self.check.point(&place, &file.node);
         let gains = vec![(point, file.sign * file.coefficient * 1000.0)];
         let stretch = Stretch { position: 0, reference: file.reference_mm, from, to, gains };
