@@ -1,10 +1,10 @@
 //! Virtual machine: simulated hardware that serves the devices of a profile.
 //!
-//! The virtual machine serves the Modbus devices of a profile, and those that send text, on real sockets and
+//! The virtual machine serves the Modbus devices of a profile, and the devices that send text, on real sockets and
 //! pseudo-terminals. It serves the CAN devices on their interface, and the nodes of OPC UA servers. A simulated machine
-//! (the plant) warms up, drifts and bends by its own model, and its true error is known. Offsets that a client writes act
-//! on the plant as on a real machine, so that a run shows the effect of the compensation. A fault script causes faults
-//! of answers, sensors, connections and memories.
+//! (the plant) warms up, drifts and bends by its own model, and its true error is known. Offsets that a client writes
+//! act on the plant as on a real machine, so that a run shows the effect of the compensation. A fault script causes
+//! faults of answers, sensors, connections and memories.
 //!
 //! # Layout
 //! ```text

@@ -91,7 +91,7 @@ pub(super) struct Manifest {
     pub(super) machine: String,
     pub(super) time: String,
     pub(super) secrets: bool,
-    /// File name of the profile.
+    /// File name of the profile in the archive.
     pub(super) profile: String,
     /// Value of `directory` in `[history]` of the profile.
     pub(super) state_directory: Option<PathBuf>,

@@ -1,4 +1,5 @@
-//! Table of the log columns: those that a verb uses, and those that the verb does not use, with the reason.
+//! Table of the log columns that a verb uses, and of the other log columns with the reason why the verb does not use
+//! them.
 
 use std::io::{self, Write};
 

@@ -2,7 +2,7 @@
 
 use serde::Serialize;
 
-/// Result of a test connection.
+/// Result of a test connection to an MQTT broker or to a notification server.
 #[derive(Debug, Serialize)]
 pub(super) struct ConnectionTest {
     /// Name of the server in the profile.
@@ -24,7 +24,7 @@ impl ConnectionTest {
         format!("  {} ({}): {}", self.name, self.to, self.fault.as_deref().unwrap_or(self.well))
     }
 
-    /// Returns an error if the connection failed.
+    /// Returns an error if the test connection failed.
     pub(super) fn assess(&self) -> anyhow::Result<()> {
         let ConnectionTest { name, to, fault, .. } = self;
         fault.as_ref().map_or(Ok(()), |fault| Err(anyhow::anyhow!("{name} ({to}): {fault}")))

@@ -49,7 +49,7 @@ pub(super) struct Arguments {
     /// Highest ratio of machine time to wall-clock time. Default 600; with LinuxCNC, which moves in wall-clock time, 60
     #[arg(long, value_name = "FACTOR", value_parser = positive)]
     speed: Option<f64>,
-    /// Duration of the demo in machine time
+    /// Duration of the demo in machine time (simulated time)
     #[arg(long = "for", default_value = "8h", value_name = "SPAN", value_parser = humantime::parse_duration)]
     span: Duration,
     /// Seed of the simulated day: duty cycle, ambient temperature and noise depend on it
@@ -72,7 +72,7 @@ pub(super) struct Arguments {
     json: bool,
 }
 
-/// Result of a demo, as it is printed.
+/// Result of a demo, printed as text or as JSON.
 #[derive(Debug, Serialize)]
 struct Report {
     machine: String,

@@ -89,9 +89,9 @@ pub(super) struct Arguments {
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..))]
     sensors: Option<u16>,
     /// With --method whitened: an existing model, from --write or from a profile. The gains are drawn towards the gains
-    /// of this model instead of towards zero. Use it for one new day of the same machine after a repair, or of a
-    /// machine of the same type. With two days it helps less often. A model that is worse on the new days than no
-    /// compensation is refused
+    /// of this model instead of towards zero. Use this option if there is only one day of logs: from this machine after
+    /// a repair, or from another machine of the same type. With two days it helps less often. An existing model that is
+    /// worse on the new days than no compensation is refused
     #[arg(long, value_name = "MODEL.toml")]
     prior: Option<PathBuf>,
     /// With --method sparse-lag, stepwise, lag or position: largest number of terms in the model
@@ -144,8 +144,8 @@ pub(super) struct Arguments {
     /// Writes a page with diagrams as one file, for any browser
     #[arg(long, value_name = "OUT.html")]
     report: Option<PathBuf>,
-    /// Writes each run with a mended sensor as a CSV file to this directory, with the values that were used and those
-    /// that were recorded
+    /// Writes each run with a mended sensor as a CSV file to this directory, with the mended values and the recorded
+    /// values
     #[arg(long, value_name = "DIR")]
     mended: Option<PathBuf>,
     /// Action of the axis when its inputs are outside the envelope of the model

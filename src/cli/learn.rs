@@ -56,8 +56,8 @@ pub(super) struct Arguments {
     /// The machine's profile, or the name of a shipped one
     #[arg(value_name = "PROFILE")]
     profile: PathBuf,
-    /// Logs of the commissioning with a measured error in each row, in addition to those of the state directory. Name
-    /// them once: they are stored as well
+    /// Logs of the commissioning with a measured error in each row, in addition to those of the state directory. Give
+    /// each log only once: its results are stored
     #[arg(value_name = "LOG")]
     logs: Vec<PathBuf>,
     /// Overrides one key, may be repeated: `--set bus.cell.address=10.0.0.7:502`
@@ -90,7 +90,7 @@ pub(super) struct Arguments {
 
 /// Largest address space of a learning process in the background, in bytes.
 const MOST_MEMORY: u64 = 2 * 1024 * 1024 * 1024;
-/// Lowest priority of a process.
+/// Lowest priority of a process, as a nice value.
 const LOWEST_PRIORITY: i32 = 19;
 
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
@@ -283,7 +283,7 @@ fn nothing_found((directory, machine): (&Path, &str), axis: &str, days: usize) -
     }
 }
 
-/// Days with the paths of their logs.
+/// Days as dates, each with the paths of its log files.
 type Days = Vec<(String, Vec<PathBuf>)>;
 
 /// Returns the days until today, and the number of later days. Logs of later days come from a wrong clock. If these

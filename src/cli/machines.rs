@@ -36,7 +36,8 @@ pub(super) fn text(name: &str) -> Option<(PathBuf, &'static str)> {
     Some((Path::new("profiles").join(format!("{name}.toml")), text))
 }
 
-/// Returns the shipped machine with a similar name, for a hint, if neither a file nor a shipped machine has this name.
+/// Returns the shipped machine with a similar name, for a hint. Returns `None` if a file or a shipped machine has
+/// exactly this name, or if no name is similar.
 pub(super) fn meant(path: &Path) -> Option<&'static str> {
     let name = path.to_str().filter(|name| !path.exists() && text(name).is_none())?;
     isotherm_profile::nearest_or_longer(name, &names().collect::<Vec<_>>())

@@ -22,7 +22,7 @@ pub(super) struct Arguments {
 
 #[derive(Debug, clap::Subcommand)]
 enum OpcuaVerb {
-    /// Shows the gateway's own certificate; if neither certificate nor key exists, creates both
+    /// Shows the gateway's own certificate; creates certificate and key if both are missing
     Certificate(own::Arguments),
     /// Shows the server's certificate, and trusts it after your confirmation
     Trust(trust::Arguments),

@@ -63,7 +63,7 @@ pub(super) struct Arguments {
     /// The direction of displacement whose error is judged; several, such as `y,z`, are judged together
     #[arg(long, value_name = "AXIS", default_value = "z", value_delimiter = ',')]
     component: Vec<AxisWord>,
-    /// The direction of the guideway [default: that of its largest extent]
+    /// The direction of the guideway [default: the direction in which the guideway is longest]
     #[arg(long, value_name = "AXIS")]
     along: Option<AxisWord>,
     /// Program that calculates temperatures, displacements and P: isotherm itself, or ccx
@@ -129,11 +129,11 @@ enum Engine {
 
 #[derive(Clone, Copy, Debug, clap::ValueEnum)]
 enum MethodWord {
-    /// all load cases together
+    /// for all load cases together
     MultiCase,
-    /// the iteration of JP 6507619 B2, on one case
+    /// for one load case, by the iteration of JP 6507619 B2
     Patent,
-    /// bounded least squares, on one case
+    /// for one load case, by bounded least squares
     Bounded,
 }
 

@@ -10,7 +10,7 @@ use indicatif::{ProgressBar, ProgressStyle};
 use super::print::say_beside;
 use isotherm_profile::duration_text;
 
-/// Interval between lines if stderr is no terminal. The first line is printed after half of this interval.
+/// Interval between lines if stderr is not a terminal. The first line is printed after half of this interval.
 const SAID_EVERY: Duration = Duration::from_secs(10);
 const DRAWN_EVERY: Duration = Duration::from_millis(200);
 

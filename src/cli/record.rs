@@ -24,7 +24,7 @@ mod recording;
 use isotherm_profile::{counted, duration_text};
 use recording::Recording;
 
-/// Interval of the progress lines if stderr is no terminal.
+/// Interval of the progress lines if stderr is not a terminal.
 const SHOWN_EVERY: Duration = Duration::from_secs(600);
 
 /// Logs readings, including those of displacement sensors, for `identify` and `select`. Writes to no device.
@@ -45,7 +45,7 @@ pub(super) struct Arguments {
     /// overwritten
     #[arg(long, value_name = "LOG.csv")]
     out: PathBuf,
-    /// Interval between rows
+    /// Interval between the rows of the log
     #[arg(long, default_value = "10s", value_name = "SPAN", value_parser = positive)]
     every: Duration,
     /// Duration of the recording [default: until Ctrl-C]
@@ -150,7 +150,7 @@ async fn record(
     done.map(|()| recording)
 }
 
-/// Shows the progress on stderr. `shown` is the time of the last line, which is used if stderr is no terminal.
+/// Shows the progress on stderr. `shown` is the time of the last line, which is used if stderr is not a terminal.
 fn show_progress(shown: &mut Duration, spent: Duration, span: Option<Duration>, recording: &Recording) {
     let of = span.map_or(String::new(), |span| format!(" of {}", duration_text(span)));
     let whole = duration_text(Duration::from_secs(spent.as_secs()));

@@ -1,8 +1,8 @@
 //! `isotherm replay`: repeats the decisions of a recorded log with the code of the gateway.
 //!
 //! A log of the gateway gives the same decisions again, bit for bit; the summary says whether it did. The summary also
-//! lists when a sensor was replaced and by which others, and when a sensor was suspected. It also lists when and why an
-//! axis was on hold.
+//! lists when a sensor was replaced and by which other sensors, and when a sensor was suspected. It also lists when and
+//! why an axis was on hold.
 //!
 //! A log of outputs (`NAME-DATE.outputs.csv`) gives the same output actions again. It is replayed alone, or together
 //! with the log of decisions in the same directory.
@@ -54,8 +54,8 @@ use whole_file::WholeFile;
 /// The rows of --out have every stage of Cz. If the log has a measured error, they also have the error before and after
 /// compensation.
 ///
-/// The summary says when a sensor was replaced and by which others, and when a sensor was suspected of being frozen. It
-/// also says when and why an axis was on hold.
+/// The summary says when a sensor was replaced and by which other sensors, and when a sensor was suspected of being
+/// frozen. It also says when and why an axis was on hold.
 ///
 /// A log is CSV with a column `time` and one column for each signal in its unit. `time` is in seconds, RFC 3339, or
 /// `05.01.2026 06:00:10` by the clock of --zone. Logs of loggers and spreadsheets are read as `isotherm identify` reads
@@ -186,7 +186,7 @@ struct Outcome<'a> {
     raw: Option<Micron>,
     model: &'a str,
     decision: Decision,
-    /// Name of a sensor whose value was calculated from others; empty if there was none.
+    /// Name of a sensor whose value was calculated from other sensors; empty if there was no such sensor.
     stood_in: &'a str,
     error: Option<f64>,
 }

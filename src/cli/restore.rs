@@ -29,8 +29,8 @@ const MOST_FILES: usize = 4096;
 /// directory.
 ///
 /// The verb checks everything before it writes anything. It does not replace newer files. It does nothing while the
-/// gateway of the machine runs. The backup does not contain what was written to the registers after it was made. Every
-/// axis is therefore off until an operator arms it.
+/// gateway of the machine runs. The backup does not contain register values that were written later. Every axis is
+/// therefore off until an operator arms it.
 ///
 /// If root restores secret files below /etc/isotherm, they belong to the user of the service.
 #[derive(clap::Args, Debug)]

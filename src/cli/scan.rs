@@ -49,7 +49,7 @@ pub(super) struct Arguments {
     /// Parities to try on a serial line: none, even, odd
     #[arg(long, value_name = "PARITY", value_delimiter = ',')]
     parity: Vec<Parity>,
-    /// Also reads these registers of every unit that answers, in steps of 16, and prints those that exist
+    /// Also reads these registers of every unit that answers, in steps of 16, and prints the registers that exist
     #[arg(long, value_name = "holding:0..99", value_parser = target::range)]
     registers: Option<(Register, u16)>,
     /// Prints the bytes of each frame on stderr

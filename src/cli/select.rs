@@ -39,22 +39,22 @@ pub(super) struct Arguments {
     /// [default: as a log of the gateway says]
     #[arg(long, value_name = "COLUMN")]
     cz: Option<String>,
-    /// The columns of the points [default: every column of temperatures]
+    /// The columns of the temperature points [default: every column of temperatures]
     #[arg(long, value_name = "COLUMN", value_delimiter = ',')]
     inputs: Vec<String>,
-    /// Points to leave out
+    /// Temperature points that are not used
     #[arg(long, value_name = "COLUMN", value_delimiter = ',')]
     without: Vec<String>,
-    /// Points to keep in the selection although their readings look faulty
+    /// Temperature points to keep in the selection although their readings look faulty
     #[arg(long, value_name = "COLUMN", value_delimiter = ',')]
     keep: Vec<String>,
-    /// Points form a group if every two of them have at least this absolute correlation
+    /// Temperature points form a group if each pair of them has at least this absolute correlation
     #[arg(long, value_name = "R", value_delimiter = ',', default_value = "0.9,0.7", value_parser = correlation)]
     group: Vec<f64>,
-    /// Largest number of points in one model
+    /// Largest number of temperature points in one model
     #[arg(long, value_name = "K", default_value_t = 8, value_parser = clap::value_parser!(u8).range(1..=32))]
     most: u8,
-    /// Time constants to apply to each point [default: 0s,6min,25min,100min]
+    /// Time constants of the lags that are applied to each temperature point [default: 0s,6min,25min,100min]
     #[arg(long, value_name = "TIME", value_delimiter = ',', value_parser = humantime::parse_duration)]
     lags: Vec<Duration>,
     /// In F tests, rows that are closer in time than this count as one sample

@@ -79,7 +79,7 @@ impl Sockets {
         self.page = Some(Page::Later(web));
     }
 
-    /// Opens the command socket.
+    /// Opens the gateway's command socket in the state directory.
     pub(super) fn open_control(&mut self, directory: &Path, machine: &str) -> anyhow::Result<()> {
         let path = control::path(directory, machine);
         self.control = Some((control::open(&path)?, path));

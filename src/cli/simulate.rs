@@ -117,7 +117,7 @@ fn named(bus: &Bus, device: &Device) -> String {
 }
 
 /// Returns the plant in the file next to the profile, or that of the shipped machine with this name. Returns `None` if
-/// there is neither.
+/// there is no such file and no such shipped machine.
 fn plant(path: &Path, profile: &Profile) -> anyhow::Result<Option<PlantSpec>> {
     let beside = path.with_extension("plant.toml");
     if beside.exists() {

@@ -9,7 +9,7 @@ use crate::discovery::Register;
 use crate::discovery::bus::{LineAddress, ScanKind};
 use isotherm_profile::{Bus, BusId, Profile, Quirks};
 
-/// Timeout of a request if neither an option nor a profile sets one.
+/// Timeout of a request if no option and no profile sets it.
 const TIMEOUT: Duration = Duration::from_millis(500);
 
 /// Line to which a verb connects, with or without a profile.

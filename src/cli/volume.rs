@@ -9,8 +9,9 @@ pub(super) fn volatile_mount(directory: &Path) -> Option<&'static str> {
     lost_with(&mounts, &directory.canonicalize().ok()?)
 }
 
-/// Same as [`volatile_mount`], with `mounts` as the kernel's list of mounts. If several mounts have one path, only the
-/// last one is visible.
+/// Searches the kernel's list of mounts for the storage that contains this directory. Returns a description of the
+/// storage if it is lost with the container, and `None` otherwise. If several mounts have one path, only the last one
+/// is visible.
 fn lost_with(mounts: &str, directory: &Path) -> Option<&'static str> {
     let mount = (mounts.lines().filter_map(Mount::of))
         .filter(|mount| directory.starts_with(mount.at))

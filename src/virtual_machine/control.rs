@@ -18,13 +18,13 @@ const REACTS_AFTER: Duration = Duration::from_millis(30);
 pub struct AcceptedSet {
     /// Time at which the control accepted the values.
     pub at: Moment,
-    /// Output set of the values.
+    /// Output set to which the values belong.
     pub set: SetId,
     /// Register values of each output, in the order of the output set.
     pub words: Vec<Vec<u16>>,
 }
 
-/// Virtual control of one output set.
+/// Virtual control as it handles one output set: its handshake, and the values that it has accepted.
 #[derive(Clone, Debug)]
 pub(super) struct Control {
     pub(super) set: SetId,

@@ -155,7 +155,7 @@ impl Hardware {
 
     /// Returns the Cz that acts in the machine, µm. This is the value that the control has accepted for the Cz output
     /// of the axis. Without such an output, it is the Cz in the written position of the axis. A diameter value is
-    /// halved. An offset of an external control replaces both.
+    /// halved. An offset of an external control replaces both of these values.
     pub(super) fn applied_um(&self, axis: AxisId) -> f64 {
         if let Some(cz_um) = self.elsewhere[axis.0] {
             return cz_um;

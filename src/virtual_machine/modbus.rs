@@ -21,9 +21,9 @@ pub(super) const NO_SUCH_UNIT: u8 = 0x0b;
 /// Frame format around a protocol data unit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Framing {
-    /// Modbus TCP: transaction, length, unit.
+    /// Modbus TCP: a header with transaction number, length and unit number.
     Tcp,
-    /// Modbus RTU: unit, checksum.
+    /// Modbus RTU: unit number before the data unit, checksum after it.
     Rtu,
 }
 

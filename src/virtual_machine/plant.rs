@@ -45,7 +45,7 @@ pub struct Plant {
     /// Temperatures at the start of the run, at which the true error is zero by definition.
     zero: Temperatures,
     sensors: Vec<Sensor>,
-    /// Heat flow into each node, W.
+    /// Heat flow into each node of the thermal network, W.
     flows: Vec<f64>,
     /// Temperature of each port of the structure (patch of the surface through which heat enters), °C. `enters` is the
     /// heat flow into each port, W.

@@ -72,7 +72,7 @@ impl Bank {
         }
     }
 
-    /// Returns the content of registers or bits from this one on; `None` if one of them does not exist.
+    /// Returns the content of `count` registers or bits from this address on; `None` if one of them does not exist.
     pub(super) fn registers(&self, Register { table, offset }: Register, count: u16) -> Option<&[u16]> {
         let cells = match table {
             Table::Coil => &self.coils,

@@ -40,7 +40,7 @@ pub(super) struct Line {
     /// Answer for a unit that does not exist.
     pub(super) unknown_unit: UnknownUnit,
     /// Length of the slices into which the delay of a late answer is divided. A client in the same process divides its
-    /// timeout in the same way, so that a busy computer delays both equally.
+    /// timeout in the same way, so that a busy computer delays the answer and the timeout equally.
     pub(super) slice: Duration,
     /// Serial side of a Modbus gateway in front of the units. It is used only for Modbus TCP.
     pub(super) serial_side: SerialSide,

@@ -126,8 +126,8 @@ impl Mill {
         }
     }
 
-    /// Sets the address of the control in the profile to that of LinuxCNC. A thread then moves the virtual plant by the
-    /// offset that LinuxCNC applies.
+    /// Sets the address of the control in the profile to the address of LinuxCNC. A thread then moves the virtual plant
+    /// by the offset that LinuxCNC applies.
     pub(super) fn takes_the_place_of_the_control(
         mut self,
         profile: &mut Profile,

@@ -8,7 +8,7 @@ use crate::cli::print::{Out, Screen};
 use crate::observe::status::{AxisStatus, Status, TruthStatus};
 use crate::virtual_machine::Summary;
 
-/// Interval between the rows of the printed table in seconds of machine time, if stdout is no terminal.
+/// Interval between the rows of the printed table in seconds of machine time, if stdout is not a terminal.
 const ROW_EVERY: f64 = 1800.0;
 
 /// Table that shows a demo while it runs.
@@ -23,7 +23,7 @@ pub(super) struct Table {
 enum Mode {
     /// Table that is redrawn, because stdout is a terminal.
     Live,
-    /// Table whose rows are printed one below the other, because stdout is no terminal.
+    /// Table whose rows are printed one below the other, because stdout is not a terminal.
     Rows,
     /// Progress line on stderr, which is a terminal. Stdout is reserved for the JSON document.
     Progress,

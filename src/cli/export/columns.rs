@@ -50,8 +50,8 @@ impl Columns {
     }
 
     /// Finds the index of a log column in the exported table. If the column was not added yet, the error is a free name
-    /// for it. The name may differ from the log, because a signal may have the name of one of the first columns. It may
-    /// also have another type on other days.
+    /// for it. The free name differs from `name` if a signal has the name of one of the first columns. The free name
+    /// also differs if a column has another type on other days.
     fn find(&self, name: &str, kind: Kind) -> Result<usize, String> {
         let ending = if kind == Kind::Number { "signal" } else { "axis" };
         let mut name = name.to_owned();

@@ -1,5 +1,5 @@
-//! Logs of the decisions of one day as one table. The table has the columns `time` and `machine`, and those of the logs
-//! of all days. The column `machine_memory` is left out, because only a replay needs this column.
+//! Logs of the decisions of one day as one table. The table has the columns `time` and `machine`, and the columns of
+//! the logs of all days. The column `machine_memory` is left out, because only a replay needs this column.
 
 use std::fs::File;
 use std::path::{Path, PathBuf};

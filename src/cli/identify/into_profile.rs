@@ -206,8 +206,7 @@ fn with_new_files(found: &Identified, path: &Path, outside: Outside) -> anyhow::
 }
 
 /// Writes a complete file, and replaces an existing one at once. The file has the permissions and the owner of the
-/// profile, if this user may set them. The new file may contain the same passwords, and the gateway must be able to
-/// read the file.
+/// profile, if this user may set them. The file may contain passwords, and the gateway must be able to read it.
 fn put(path: &Path, text: &str, profile: &Metadata) -> std::io::Result<()> {
     const PERMISSIONS: u32 = 0o777;
     let new = path.with_added_extension("new");

@@ -21,8 +21,8 @@ const OF_A_CERTIFICATE: u32 = 0o644;
 
 /// Shows the gateway's own certificate of an OPC UA line or of its OPC UA server: its subject, its thumbprint, and its validity.
 ///
-/// If neither certificate nor key exists, the verb creates both in the files that the profile names. The certificate is
-/// self-signed, has an RSA key of 2048 bits, and contains the URI of the application. Existing files are never
+/// If certificate and key are both missing, the verb creates them in the files that the profile names. The certificate
+/// is self-signed, has an RSA key of 2048 bits, and contains the URI of the application. Existing files are never
 /// overwritten.
 #[derive(clap::Args, Debug)]
 #[command(

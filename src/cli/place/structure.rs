@@ -51,7 +51,7 @@ pub(super) fn study(
     Ok((Study { mesh: inputs.swap_remove(0).mesh, guide, p, adjoint, parts, reach, loads }, remark))
 }
 
-/// Node set that is fixed if neither an option nor an FE input file states what is fixed.
+/// Node set that is fixed by default, without the option `--fixed` and without supports in the FE input files.
 const BASE: &str = "BASE";
 
 /// Returns the fixed nodes, and a remark that names their source: the set `option`, or the supports of the FE input
@@ -171,7 +171,8 @@ fn calculix(
     Ok(Computed { p: rows(&columns), adjoint: None, loads: loads.collect() })
 }
 
-/// Reads every file. Returns an error if the files, including that of the plant, do not describe the same structure.
+/// Reads every file. Returns an error if the files, including the file of `--plant`, do not describe the same
+/// structure.
 fn read(paths: &[PathBuf], plant: Option<&FeInput>, progress: Progress<'_>) -> anyhow::Result<Vec<FeInput>> {
     let mut inputs: Vec<FeInput> = Vec::new();
     let mut wrong = Vec::new();
@@ -203,7 +204,7 @@ pub(super) fn named(path: &Path, faults: Faults) -> anyhow::Error {
     }
 }
 
-/// Returns the reason why two files do not describe the same structure; `None` if they do.
+/// Returns the reason why two files do not describe the same structure; `None` if they describe the same structure.
 fn differs(first: &FeInput, other: &FeInput) -> Option<String> {
     let (one, two) = (&first.mesh, &other.mesh);
     let why = if one.nodes != two.nodes {

@@ -43,7 +43,7 @@ pub(in crate::cli) struct One {
     /// Swaps the two bytes of every register
     #[arg(long, requires = "register")]
     byte_swap: bool,
-    /// Number of values
+    /// Number of values to read
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u16).range(1..=2000), requires = "register")]
     count: u16,
     /// Engineering units per count (value = count · scale + offset)
@@ -52,7 +52,7 @@ pub(in crate::cli) struct One {
     /// Engineering value of the raw value zero
     #[arg(long, value_name = "UNITS", default_value = "0", value_parser = finite, allow_negative_numbers = true, requires = "register")]
     offset: f64,
-    /// With --watch: interval between readings
+    /// With --watch: interval between reads
     #[arg(long, value_name = "SPAN", default_value = "1s", value_parser = humantime::parse_duration, requires = "watch")]
     every: Duration,
     /// Prints the bytes of each frame on stderr

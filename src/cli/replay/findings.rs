@@ -27,7 +27,7 @@ pub struct StandIn {
     pub by: Vec<String>,
 }
 
-/// Fault of a sensor whose value is calculated from others.
+/// Fault of a sensor whose value is calculated from other sensors.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum SensorFault {

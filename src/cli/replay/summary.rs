@@ -113,10 +113,10 @@ pub(super) struct Tally {
     last: Option<Moment>,
     /// Value of the column `time` in the last log row.
     last_time: String,
-    /// First axis and model whose file of stand-ins (calculated values for lost sensors) differs from that at the time
-    /// of the log. `None` if no file differs.
+    /// First axis and model whose file of stand-ins (calculated values for lost sensors) has changed since the log was
+    /// written. `None` if no file has changed.
     other_stand_ins: Option<(String, String)>,
-    /// First axis whose learned model was learned for other models than those of the profile, with the name of the
+    /// First axis whose learned model was learned when the profile had other models for this axis, with the name of the
     /// learned model. `None` if there is no such axis.
     superseded: Option<(String, String)>,
     axes: Vec<AxisTally>,

@@ -232,7 +232,7 @@ impl Server {
 /// Answer and written object; or, for a rejected request, the object and the abort code.
 type Answered = Result<([u8; 8], Option<Entry>), (Entry, AbortCode)>;
 
-/// Returns the abort message for a request.
+/// Returns the SDO abort message that rejects a request for this object.
 pub(crate) fn refusal(at: Entry, code: AbortCode) -> [u8; 8] {
     message(0x80, at, code.0.to_le_bytes())
 }

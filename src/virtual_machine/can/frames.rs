@@ -16,7 +16,7 @@ pub(crate) struct Image {
     parts: Vec<(Address, BitField)>,
 }
 
-/// Value that a device receives in frames.
+/// Value of an output that a virtual device receives in CAN frames.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct ReceivedValue {
     field: Field,

@@ -102,8 +102,8 @@ impl Faults {
         })
     }
 
-    /// Returns the result of `what` for the first active fault of the device that `what` selects, and counts this
-    /// fault.
+    /// Applies `what` to the faults of the device, until an active fault gives a result. Counts a reply with this
+    /// fault, and returns the result.
     fn strikes<T>(&mut self, device: DeviceId, now: Moment, what: impl Fn(&Kind) -> Option<T>) -> Option<T> {
         self.running.iter_mut().filter(|running| running.fault.device == device).find_map(|running| {
             let found = what(&running.fault.kind).filter(|_| running.is_active(now))?;

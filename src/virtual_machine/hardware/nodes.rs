@@ -37,7 +37,7 @@ impl Hardware {
         self.faults.is_silent(self.units[self.unit_of[device.0]].device, now)
     }
 
-    /// Executes a call that reads nodes.
+    /// Executes one call of a client that reads OPC UA nodes.
     pub(in crate::virtual_machine) fn read_nodes(
         &mut self,
         device: DeviceId,
@@ -87,7 +87,8 @@ impl Hardware {
         values
     }
 
-    /// Executes a call that writes nodes. A value that is no number is `None`. Returns the status of each write.
+    /// Executes one call of a client that writes OPC UA nodes. `None` stands for a written value that is not a number.
+    /// Returns the status of each write.
     pub(in crate::virtual_machine) fn write_nodes(
         &mut self,
         device: DeviceId,

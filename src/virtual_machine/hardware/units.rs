@@ -24,8 +24,8 @@ pub(super) struct Unit {
     pub(super) boots: u16,
     /// CAN part of the unit; `None` for a unit on another line.
     pub(super) can: Option<CanUnit>,
-    /// Signals that the unit measures. Signals in registers of an output or the heartbeat are not among them, because a
-    /// client writes those registers.
+    /// Signals that the unit measures. Signals in registers of an output or of the heartbeat are left out, because a
+    /// client writes these registers.
     pub(super) measures: Vec<SignalId>,
 }
 
@@ -41,7 +41,7 @@ impl Unit {
 }
 
 /// Returns the units, and for each device the position of its unit. Devices with the same unit number on one line share
-/// a unit; on a CAN line each device has its own.
+/// a unit; on a CAN line each device has its own unit.
 pub(super) fn units(profile: &Profile) -> (Vec<Unit>, Vec<usize>) {
     let mut units: Vec<Unit> = Vec::new();
     let mut unit_of = Vec::new();

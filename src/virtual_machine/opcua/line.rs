@@ -36,7 +36,7 @@ pub(in crate::virtual_machine) struct NodeLine {
     pub(super) server: ServerNodes,
     hardware: Arc<Mutex<Hardware>>,
     clock: Clock,
-    /// First device of the server.
+    /// First device of the profile at this server. Calls to the hardware are made for this device.
     device: DeviceId,
     cut: watch::Sender<Cut>,
 }
@@ -57,7 +57,7 @@ impl NodeLine {
         act(&mut hardware, now)
     }
 
-    /// Returns how often the device was started.
+    /// Returns how often the device was switched on or restarted.
     pub(super) fn boots(&self) -> u16 {
         self.with(|hardware, now| hardware.boots(self.device, now))
     }

@@ -112,7 +112,7 @@ impl ServerNodes {
         Ok(ServerNodes { nodes, namespaces })
     }
 
-    /// Returns the index of a namespace.
+    /// Returns the index of a namespace; `None` if the server does not have this namespace.
     pub(super) fn index(&self, namespace: &Namespace) -> Option<u16> {
         match namespace {
             Namespace::Index(index) => Some(*index),

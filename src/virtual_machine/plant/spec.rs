@@ -187,8 +187,8 @@ pub(super) struct Stretch {
     pub(super) gains: Vec<(Point, f64)>,
 }
 
-/// Results that the published source of a machine reports. They are displayed next to those of the virtual machine. The
-/// plant itself was made for isotherm.
+/// Results that the published source of a machine reports. They are displayed next to the results of the virtual
+/// machine. The plant itself was made for isotherm.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Published {

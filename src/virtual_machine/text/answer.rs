@@ -70,7 +70,7 @@ impl TextAnswer {
 }
 
 impl Sender {
-    /// Returns the bytes of an answer.
+    /// Returns the bytes to send for an answer, as its fault requires.
     pub(super) fn send(&mut self, group: &TextGroup, answer: &TextAnswer) -> SentText {
         let fault = answer.fault;
         self.is_mute |= fault == Some(ReplyFault::HalfOpen);

@@ -18,7 +18,7 @@ pub(in crate::virtual_machine) struct TextGroup {
     /// Request that the device answers; empty if the device sends without a request.
     pub(super) request: String,
     pub(super) patterns: Vec<TextPattern>,
-    /// First register of the first value.
+    /// First register of the first value. The registers of the other values follow.
     pub(super) first: u16,
     pub(super) every: Duration,
 }
