@@ -46,7 +46,7 @@ use stamp::ClockDifference;
 use wall::Wall;
 use wheel_timer::WheelTimer;
 
-/// Clock that several tasks share. Clones are the same clock.
+/// Clock that several tasks share. All clones of a clock are one clock.
 #[derive(Clone, Debug)]
 pub struct Clock {
     source: Source,

@@ -163,7 +163,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let kept = gateway::backup::take(&directory, &profile.name).map_err(anyhow::Error::msg)?;
     if kept.is_none() {
         say_beside!(
-            "there is no state of {} in {}: the backup contains no state",
+            "there is no saved state of {} in {}: the backup contains no saved state",
             profile.name,
             directory.display()
         );

@@ -5,7 +5,7 @@ use std::io::{self, Write};
 
 use isotherm_identify::dataset::{Column, Dataset, UnusedColumn};
 
-/// Columns of the logs: used ones, and unused ones with the reason.
+/// Log columns that a verb uses, and other log columns with the reason why the verb does not use them.
 #[derive(Debug, serde::Serialize)]
 pub(super) struct ColumnTable {
     used: Vec<String>,

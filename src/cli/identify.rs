@@ -180,7 +180,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     if ["csv", "parquet"].iter().any(|log| ending.eq_ignore_ascii_case(log)) {
         let log = path.display();
         anyhow::bail!(
-            "{log} is a log; name the machine's profile first: isotherm identify my-machine.toml {log} …"
+            "{log} is a log; give the machine's profile before the log: isotherm identify my-machine.toml {log} …"
         );
     }
     if arguments.force && arguments.write.is_none() && !arguments.into.into_profile {

@@ -42,7 +42,7 @@ pub(super) struct Arguments {
 }
 
 fn finite(text: &str) -> Result<f64, String> {
-    values::number(text, |_| true, "write a number of micrometres, as 3.2 or -0.8")
+    values::number(text, |_| true, "write a number of micrometres, such as 3.2 or -0.8")
 }
 
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {

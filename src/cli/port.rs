@@ -144,7 +144,7 @@ impl Port {
         match error.kind() {
             ErrorKind::PermissionDenied if is_low => Explained::new(
                 "ports below 1024 need root",
-                "choose another port, as 8080, or put a proxy in front of the web page",
+                "choose another port, such as 8080, or put a proxy in front of the web page",
             ),
             _ => explain::explain_system(error),
         }

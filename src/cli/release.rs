@@ -146,7 +146,7 @@ fn way(left: &Value) -> String {
     let holds = match figure("found_um") {
         None => format!("{} from the gateway were verified in {register}", micron("held_um")),
         Some(_) => format!(
-            "{register} held {} when it was read last; before, {} from the gateway were verified in it",
+            "{register} held {} when it was read last; before that, {} from the gateway were verified in it",
             micron("found_um"),
             micron("held_um")
         ),
@@ -200,7 +200,7 @@ mod tests {
         left["found_um"] = 5.0.into();
         assert!((seen(&left) - 5.0).abs() < 1e-9);
         assert!(
-            way(&left).contains("held 5.0 µm when it was read last; before, 20.0 µm from the gateway"),
+            way(&left).contains("held 5.0 µm when it was read last; before that, 20.0 µm from the gateway"),
             "{}",
             way(&left)
         );

@@ -164,7 +164,7 @@ fn recording<'a>(arguments: &Arguments, name: &'a str) -> Recording<'a> {
 fn run_outputs(arguments: &Arguments, log: impl Read, name: &str) -> anyhow::Result<()> {
     if arguments.out.is_some() {
         let why = format!(
-            "{name} is a log of outputs, which has no stages of Cz: leave out --out, or name the log of the \
+            "{name} is a log of outputs, which has no stages of Cz: leave out --out, or give the log of the \
              decisions"
         );
         anyhow::bail!(why);

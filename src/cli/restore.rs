@@ -119,9 +119,9 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         count => format!(", learned from touches: {}", counted(count, "file")),
     };
     say!(
-        "{machine} is restored as it was at {taken}: files written: {}{learned}, state in {}. What was written to its \
-         registers after the backup is not known. Every axis is off until an operator arms it.\nNext: isotherm check \
-         {profile}",
+        "{machine} is restored as it was at {taken}: files written: {}{learned}, state in {}. Register \
+         values that were written after the backup are not known. Every axis is off until an operator arms \
+         it.\nNext: isotherm check {profile}",
         planned.len(),
         directory.display()
     )?;

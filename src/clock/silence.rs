@@ -1,6 +1,6 @@
 //! Silence on a physical line. Its length is measured in wall-clock time, even under a virtual clock.
 
-#![allow(clippy::disallowed_types, reason = "silence on a wire is wall time")]
+#![allow(clippy::disallowed_types, reason = "a silence on a line lasts in wall-clock time")]
 
 use std::time::Duration;
 

@@ -53,7 +53,7 @@ impl Cycle {
         self.due = now.next_tick(self.due, self.every);
     }
 
-    /// Returns the value of this signal, if it shows the result or the trigger of the cycle.
+    /// Returns the value of this signal; `None` if the signal does not show the result or the trigger of the cycle.
     pub(super) fn shows(&self, id: SignalId, signal: &Signal, now: Moment) -> Option<f64> {
         if id == self.input.signal {
             return Some(self.result_um / self.input.micron);

@@ -35,7 +35,7 @@ pub(super) struct Shared {
 pub(super) struct Line {
     pub(super) units: Vec<(u8, DeviceId)>,
     pub(super) framing: Framing,
-    /// Whether the frames of RTU are sent as Modbus ASCII.
+    /// Whether the line uses Modbus ASCII instead of Modbus RTU.
     pub(super) is_ascii: bool,
     /// Answer for a unit that does not exist.
     pub(super) unknown_unit: UnknownUnit,

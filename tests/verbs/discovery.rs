@@ -223,7 +223,7 @@ fn what_is_wrong_with_a_reading_is_reported_with_a_remedy() {
     }
     let alone = |arguments: &[&str]| ended(isotherm(bench.home()).args(arguments));
     for (arguments, words) in [
-        (&["read"][..], "name a PROFILE"),
+        (&["read"][..], "give a PROFILE"),
         (&["read", "--register", "input:0"], "needs a unit"),
         (&["scan"], "name a line"),
         (&["scan", "--bus", "tcp://x", "--baud", "9600"], "are for a serial line"),

@@ -42,7 +42,7 @@ pub(super) fn write(file: &Path, archive: &[u8], mode: u32) -> std::io::Result<(
     std::fs::rename(&part, file)
 }
 
-/// Removes old backups of this machine until `copies` backups are left: `new` and the newest of the others. Returns the
+/// Removes old backups of this machine until `copies` backups are left: `new` and the newest other backups. Returns the
 /// removed files. Other files in the directory are not changed.
 pub(super) fn remove_old(new: &Path, machine: &str, copies: usize) -> anyhow::Result<Vec<PathBuf>> {
     let directory = new.parent().unwrap_or(Path::new("."));
@@ -79,8 +79,8 @@ fn remove(directory: &Path, names: Vec<String>) -> anyhow::Result<Vec<PathBuf>> 
     Ok(files)
 }
 
-/// Returns the names of the backups to remove. `copies` backups of this machine are kept: `new` and the newest of the
-/// others. The alphabetical order of the names is the order of time. After the clock was set back, `new` may have the
+/// Returns the names of the backups to remove. `copies` backups of this machine are kept: `new` and the newest other
+/// backups. The alphabetical order of the names is the order of time. After the clock was set back, `new` may have the
 /// oldest name, and is kept in spite of this.
 fn expired(names: Vec<String>, machine: &str, copies: usize, new: &str) -> Vec<String> {
     let mut old: Vec<String> =

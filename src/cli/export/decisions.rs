@@ -33,7 +33,8 @@ pub(super) fn write(
         let place = |column: Option<Column>| {
             let Some((name, kind)) = column else { return Ok(None) };
             let place = columns.place(&name, kind);
-            let changed = || format!("{} has changed during the export: run it again", path.display());
+            let changed =
+                || format!("{} has changed during the export: run the export again", path.display());
             place.map(Some).with_context(changed)
         };
         let places = found.into_iter().map(place).collect::<anyhow::Result<Vec<_>>>()?;

@@ -83,7 +83,7 @@ impl Line {
         let is_of_numbers = host.bytes().all(|byte| byte.is_ascii_digit() || byte == b'.');
         if is_of_numbers && host.parse::<Ipv4Addr>().is_err() {
             return Err(format!(
-                "`{host}` is not an address: write four numbers from 0 to 255, as 192.168.0.10:502"
+                "`{host}` is not an address: write four numbers from 0 to 255, such as 192.168.0.10:502"
             ));
         }
         let is_host = |byte: u8| byte.is_ascii_alphanumeric() || b".-:[]".contains(&byte);

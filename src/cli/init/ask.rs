@@ -408,16 +408,16 @@ impl Asking<'_, '_> {
                         .to_owned(),
                 ),
                 Some(line) if line.is_ascii() != module.is_ascii() => Err(format!(
-                    "{text} is the line of the module, which has other frames: write same, or the address of another \
-                     line"
+                    "{text} is the line of the module, which has another frame format: write same, or the \
+                     address of another line"
                 )),
                 _ => Ok(None),
             }
         };
         let control = self.text(
             ("control", "Address or serial port of the control, or same for the module's line", Some(usual)),
-            "Address and port, such as 192.168.0.20:502, or a serial port. Write same if module and control are units of \
-             one line.",
+            "Address and port, such as 192.168.0.20:502, or a serial port. Write same if module and control \
+             are on one line.",
             self.arguments.control.as_deref(),
             other_line,
         )?;

@@ -12,7 +12,7 @@ const NOT_A_SERVER: &str = "the destination of Cz is a node of an OPC UA server:
 
 /// Note that is printed after a profile without OPC UA security was written.
 pub(super) const UNSECURED: &str =
-    "A line over OPC UA has security = \"none\": its table in the profile shows how to secure it.";
+    "A line over OPC UA has security = \"none\": the profile shows how to secure the line.";
 
 /// Returns host, port and path if the answer is the address of an OPC UA server. Such an address begins with a scheme
 /// of OPC UA, or has the registered port of OPC UA. Returns `None` for any other address.

@@ -23,7 +23,7 @@ pub(super) struct Questions<'a> {
     out: &'a mut dyn Write,
     /// Whether the default of each question is used without asking the question.
     pub(super) takes_defaults: bool,
-    /// Accepted answers: option and value.
+    /// Accepted answers: for each, its value and the option that gives the same answer.
     taken: Vec<(&'static str, String)>,
 }
 

@@ -27,14 +27,14 @@ pub(super) fn remedies(signals: &[SignalStatus], profile: &str) -> Vec<String> {
                 "no valid answer from {names}: correct address, unit and settings of the line in {profile}, or the wiring"
             ),
             Remedy::DeviceSettings => format!(
-                "a setting of {names} is not as expected: correct it at the device, or the variant of its template in \
-                 {profile}"
+                "a setting of {names} is not as expected: correct the setting at the device, or correct the \
+                 variant of the device's template in {profile}"
             ),
             Remedy::Sensor => {
                 format!("the device reports a fault of {names}: correct the sensor or its wiring")
             }
             Remedy::Profile => format!(
-                "the values of {names} cannot be used: correct the lines of these signals in {profile}"
+                "the values of {names} cannot be used: correct the tables of these signals in {profile}"
             ),
         }
     };
@@ -67,10 +67,13 @@ mod tests {
         let only = |bad| remedies(&[signal("bed", "module", bad)], "m.toml").join("\n");
         assert_eq!(only(None), "");
         for (reason, words) in [
-            (Reason::NotAsExpected, "a setting of module is not as expected: correct it at the device"),
+            (
+                Reason::NotAsExpected,
+                "a setting of module is not as expected: correct the setting at the device",
+            ),
             (Reason::Timeout, "no valid answer from module: correct address, unit"),
             (Reason::OpenCircuit, "a fault of bed: correct the sensor"),
-            (Reason::OutOfRange, "correct the lines of these signals in m.toml"),
+            (Reason::OutOfRange, "correct the tables of these signals in m.toml"),
         ] {
             let said = only(Some(reason));
             assert!(said.contains(words), "{reason:?}: {said}");

@@ -52,7 +52,7 @@ impl SerialSettings {
         SerialSettings { baud, parity, frames }
     }
 
-    /// Returns the address of a port with these settings.
+    /// Returns the line address of a serial port with these settings.
     fn address(self, port: &str) -> Result<LineAddress, String> {
         let SerialSettings { baud, parity, frames } = self;
         let address: LineAddress = match frames {

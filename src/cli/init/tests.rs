@@ -386,7 +386,7 @@ fn a_line_with_modbus_ascii_is_offered_on_a_port_and_through_a_serial_server() {
     assert_eq!(taken(&answers).buses.len(), 2);
     let refused = answered_with(&[&usual[..], &control, &["--bus", "/dev/ttyUSB0"]].concat(), "").0;
     let refused = refused.unwrap_err().to_string();
-    assert!(refused.contains("the line of the module, which has other frames"), "{refused}");
+    assert!(refused.contains("the line of the module, which has another frame format"), "{refused}");
     for (written, why) in [
         (
             "modbus-ascii:///dev/ttyUSB0?baud=19200",

@@ -16,7 +16,7 @@ pub(super) fn render(result: &AxisResult) -> std::io::Result<()> {
     }
     let Some(gain) = result.gain else {
         return say!(
-            "  not judged yet: this needs touches of a day from which the candidate was not learned"
+            "  not judged yet: this needs touches of a day that was not used to learn the candidate"
         );
     };
     let basis = format!("{}, touches: {}", counted(gain.days, "day"), gain.touches);

@@ -208,7 +208,11 @@ pub(super) fn named(path: &Path, faults: Faults) -> anyhow::Error {
 fn differs(first: &FeInput, other: &FeInput) -> Option<String> {
     let (one, two) = (&first.mesh, &other.mesh);
     let why = if one.nodes != two.nodes {
-        format!("{} nodes and {}, or different node numbers", one.nodes.len(), two.nodes.len())
+        format!(
+            "one file has {} nodes and the other {}, or their node numbers differ",
+            one.nodes.len(),
+            two.nodes.len()
+        )
     } else if one.xyz != two.xyz {
         "their nodes have different coordinates".to_owned()
     } else if one.elements != two.elements {

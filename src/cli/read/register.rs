@@ -109,7 +109,7 @@ fn line(target: &Target, one: &One, json: bool) -> anyhow::Result<(Line, u8)> {
     let Some(name) = &one.device else {
         if target.bus.is_none() {
             return Err(wrong_arguments(
-                "--register needs a unit: --bus tcp://HOST --unit 1, or a PROFILE with --device NAME",
+                "--register needs a unit number: --bus tcp://HOST --unit 1, or a PROFILE with --device NAME",
             ));
         }
         let Some(unit) = one.unit else {

@@ -44,8 +44,8 @@ pub(super) fn beside(log: &Path) -> anyhow::Result<Option<OutputsSummary>> {
     match safe_file::open(Path::new(&name)) {
         Ok(file) => {
             let replayed = replay_outputs(BufReader::new(file), &name);
-            let why = "error in the log of the outputs in the same directory; move it away to replay only \
-                       the decisions";
+            let why = "error in the log of the outputs in the same directory; move this log away to replay \
+                       only the decisions";
             replayed.map(Some).context(why)
         }
         Err(error) if error.kind() == std::io::ErrorKind::NotFound => Ok(None),

@@ -269,14 +269,14 @@ impl Tally {
         }
         if let Some((axis, model)) = self.other_stand_ins {
             warnings.push(format!(
-                "{log}: axis {axis}, model {model}: the log was written with other stand-ins than the model \
-                 has now; their state starts again"
+                "{log}: axis {axis}, model {model}: the stand-ins of the model have changed since the log \
+                 was written; the replay begins with a new state of the stand-ins"
             ));
         }
         if let Some((axis, model)) = self.superseded {
             warnings.push(format!(
-                "{log}: axis {axis}: the learned model {model} belongs to other models than those of the profile; the \
-                 replay uses those of the profile"
+                "{log}: axis {axis}: the learned model {model} was learned when the profile had other \
+                 models; the replay uses the models of the profile"
             ));
         }
         let span = self.span.map_or(Duration::ZERO, |(first, latest)| latest.since(first));

@@ -26,7 +26,7 @@ pub(in crate::virtual_machine) struct NodeServer {
 }
 
 impl NodeServer {
-    /// Starts the library behind a server.
+    /// Starts the OPC UA library to which the new server passes its connections.
     ///
     /// # Errors
     /// The library cannot be started.

@@ -116,7 +116,10 @@ fn a_person_adopts_a_model_that_survives_a_restart_and_takes_it_back_and_the_log
     let log = std::fs::File::open(directory.path().join("bench-2026-01-05.csv")).unwrap();
     let summary = replay(&other, log, "the day", None).unwrap();
     assert_eq!(summary.axes["z"].learned, Vec::<String>::new());
-    assert!(summary.warnings.iter().any(|warning| warning.contains("belongs to other models")), "{summary}");
+    assert!(
+        summary.warnings.iter().any(|warning| warning.contains("the profile had other models")),
+        "{summary}"
+    );
 }
 
 #[test]

@@ -160,7 +160,7 @@ fn a_log_that_goes_on_with_another_file_says_so() {
     };
     assert_eq!(warnings(STAND_INS), [""; 0]);
     let told = warnings(&STAND_INS.replace("1.2", "1.3")).concat();
-    assert!(told.contains("axis z, model rises: the log was written with other stand-ins"), "{told}");
+    assert!(told.contains("axis z, model rises: the stand-ins of the model have changed"), "{told}");
 }
 
 /// The line of the control, on which the first change of Cz after this moment waits for so long before it is sent.

@@ -147,7 +147,7 @@ fn files_that_are_not_there_directories_and_the_same_file_twice_are_reported() {
     let twice = said(&["select", "--error", "z_error_um", "campaign", "campaign/day-2.csv"], 1);
     assert!(twice.contains("day-2.csv is named twice"), "{twice}");
     let swapped = said(&["identify", "campaign/day-1.csv", "campaign/day-2.csv"], 1);
-    assert!(swapped.contains("is a log; name the machine's profile first"), "{swapped}");
+    assert!(swapped.contains("is a log; give the machine's profile before the log"), "{swapped}");
     assert!(said(&["identify", "plant.toml", "campaign", "--method", "guess"], 2).contains("sparse-lag"));
     assert!(said(&["identify", "plant.toml", "campaign", "--terms", "0"], 2).contains("--terms"));
     assert!(
