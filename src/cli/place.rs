@@ -66,14 +66,14 @@ pub(super) struct Arguments {
     /// The direction of the guideway [default: the direction in which the guideway is longest]
     #[arg(long, value_name = "AXIS")]
     along: Option<AxisWord>,
-    /// Program that calculates temperatures, displacements and P: isotherm itself, or ccx
+    /// Program that calculates temperatures, displacements and the matrix P: isotherm itself, or ccx
     #[arg(long, value_name = "ENGINE", default_value = "own")]
     engine: Engine,
     /// Method that selects the nodes of the sensors
     #[arg(long, value_name = "METHOD", default_value = "multi-case")]
     method: MethodWord,
-    /// With --method patent or bounded: the load case from which the places are selected [default: the one with the
-    /// largest displacement of the guideway]
+    /// With --method patent or bounded: the load case for which the places are selected [default: the load case with
+    /// the largest displacement of the guideway]
     #[arg(long, value_name = "NAME")]
     case: Option<String>,
     /// Noise of a sensor, K
@@ -86,10 +86,10 @@ pub(super) struct Arguments {
     #[arg(long, value_name = "UM", default_value_t = 1.0, value_parser = not_negative)]
     enough: f64,
     /// A part that moves on the guideway and expands by itself, with the signal of its sensor, in µm/K: `head:z=-4.95`,
-    /// `head:y=1.2/z=-4.95`. P gets one more column for it
+    /// `head:y=1.2/z=-4.95`. The matrix P gets one more column for it
     #[arg(long, value_name = "SIGNAL:AXIS=UM")]
     rider: Vec<Rider>,
-    /// Writes the model's block for a profile to this file, and P to the same directory
+    /// Writes the model's block for a profile to this file, and the matrix P to the same directory
     #[arg(long, value_name = "MODEL.toml")]
     write: Option<PathBuf>,
     /// Writes a page with diagrams as one file, for any browser

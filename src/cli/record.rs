@@ -54,8 +54,8 @@ pub(super) struct Arguments {
     /// Begins a new file, which counts as another run, after this time
     #[arg(long, default_value = "24h", value_name = "SPAN", value_parser = positive)]
     rotate: Duration,
-    /// Uses the plant of a shipped machine instead of devices, as fast as possible, and logs its true error as
-    /// <axis>_error_um
+    /// Uses the plant (simulation) of a shipped machine instead of devices, as fast as possible, and logs its true
+    /// error as <axis>_error_um
     #[arg(long = "virtual", requires = "span")]
     on_plant: bool,
     /// Seed of the simulated day of the virtual machine. Each seed has its own date

@@ -174,7 +174,8 @@ impl<T> Open<T> {
     }
 }
 
-/// Formats a time of a log by the log's own clock: to the second if the time has a date, else in seconds.
+/// Formats a time as the log states it, without conversion to UTC: to the second if the time has a date, else in
+/// seconds.
 fn shown(time: &str) -> String {
     let time = time.trim();
     if time.parse::<f64>().is_ok() {

@@ -270,7 +270,7 @@ impl Tally {
         if let Some((axis, model)) = self.other_stand_ins {
             warnings.push(format!(
                 "{log}: axis {axis}, model {model}: the stand-ins of the model have changed since the log \
-                 was written; the replay begins with a new state of the stand-ins"
+                 was written; the replay resets the state of the stand-ins"
             ));
         }
         if let Some((axis, model)) = self.superseded {

@@ -181,7 +181,8 @@ impl Hardware {
         }
     }
 
-    /// Copies the value of a written object to its stored value, and to the values that depend on it.
+    /// Updates the stored value of an object that a client has written, and the stored values that depend on this
+    /// object.
     fn take_object(&mut self, place: usize, at: Entry, now: Moment) {
         let Some(can) = &self.units[place].can else { return };
         for (cell, words) in can.standing(|object| object == at) {
@@ -192,7 +193,7 @@ impl Hardware {
         }
     }
 
-    /// Copies the objects that `which` selects to their stored values.
+    /// Updates the stored values of the device from the node's objects that `which` selects.
     fn keep_objects(&mut self, place: usize, which: impl Fn(Entry) -> bool) {
         let unit = &mut self.units[place];
         let Some(can) = &unit.can else { return };

@@ -45,7 +45,7 @@ impl Ambient {
     }
 
     /// Returns the air temperature in °C at a time in seconds since the start of the run. Negative times belong to the
-    /// soak before the run.
+    /// soak: the time before the run, in which the machine is off.
     pub(super) fn at(&self, seconds: f64) -> f64 {
         let hours = seconds / 3600.0;
         let day = self.amplitude * (TAU * (self.begin_hour + hours - self.peak_hour) / 24.0).cos();

@@ -93,7 +93,7 @@ pub(super) struct Node {
     pub(super) name: String,
     /// Heat capacity of the node, J/K.
     pub(super) capacity: f64,
-    /// Temperature of the node before the soak, °C.
+    /// Temperature of the node before the soak (the time before the run in which the machine is off), °C.
     pub(super) initial: f64,
 }
 

@@ -20,7 +20,7 @@ pub(super) enum Point {
 /// Structure of a machine, reduced to thermal modes. Its state is the amplitude of each mode.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Structure {
-    /// Temperature of the structure before the soak, °C.
+    /// Temperature of the structure before the soak (the time before the run in which the machine is off), °C.
     pub(super) initial: f64,
     /// Index of the position that selects the point of the guideway.
     pub(super) position: usize,
