@@ -7,12 +7,14 @@
 //! - [`can`] — state of the CAN interfaces of a profile, as the kernel reports it.
 //! - [`sysfs`] — temperature sensors of this computer, and sensors of a profile that this computer does not have.
 //! - `opcua` — endpoints, certificate and nodes of an OPC UA server. This module requires the feature `opcua`.
-//! - [`merged_reads`] — test of reads of several values that fail: quirks with which the device serves the values.
+//! - [`merged_reads`] — test of a device that does not serve a planned read of several values: which quirks (profile
+//!   settings for peculiar devices) help.
 //! - [`mod@pipeline`] — whether a device supports two requests at a time.
 //! - [`new_connection`] — whether a device that does not answer needs a pause after connecting, or loses the first
 //!   request.
 //! - [`scan`] — search for units that answer; [`register_search`] — search for the registers of a unit.
-//! - [`values`] — decoded values of registers. If the word order is unknown, they are decoded in both word orders.
+//! - [`values`] — decoded values of registers. If the word order is unknown, the values are decoded in both word
+//!   orders.
 //! - [`remedy`] — advice to the user on a fault.
 
 pub mod bus;

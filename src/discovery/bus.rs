@@ -60,7 +60,8 @@ impl LineAddress {
         LineAddress { transport, address: self.address.clone() }
     }
 
-    /// Returns a bus for a profile with this transport, address and timeout. All other settings have their defaults.
+    /// Returns the settings of a bus with this transport and address, and with `timeout`. All other settings have their
+    /// defaults.
     pub fn bus(&self, timeout: Duration) -> Bus {
         Bus {
             name: "line".to_owned(),
@@ -76,8 +77,8 @@ impl LineAddress {
         }
     }
 
-    /// Returns the lines that describe this line in a profile (type, address, serial settings), without the table
-    /// header with the bus name.
+    /// Returns the profile text for this bus line: its type, its address and its serial settings. The table header with
+    /// the name of the bus is not included.
     pub fn profile_lines(&self) -> String {
         let BusKind { word, address_key, settings, .. } = self.kind();
         format!("type = \"{word}\"\n{address_key} = \"{}\"\n{}", self.address, settings(self.transport))
@@ -102,19 +103,19 @@ impl FromStr for LineAddress {
         let parsed = KINDS.iter().find_map(|kind| (kind.parse)(text));
         let (transport, address) = parsed.unwrap_or_else(|| {
             Err(match text.split_once("://") {
-                Some((scheme, _)) => format!("`{scheme}` is no type of bus line; {}", forms()),
-                None => format!("`{text}` is no address of a bus line; {}", forms()),
+                Some((scheme, _)) => format!("`{scheme}` is not a type of bus line; {}", forms()),
+                None => format!("`{text}` is not an address of a bus line; {}", forms()),
             })
         })?;
         Ok(LineAddress { transport, address })
     }
 }
 
-/// Registered port of OPC UA.
+/// TCP port that is registered for OPC UA.
 pub(crate) const OPC_UA: u16 = 4840;
 
-/// Adds the type of line to a path of a serial port, or to a host with or without a port. Returns `None` for other
-/// texts.
+/// Adds the type of bus line, for example `rtu://`, to a path of a serial port or to a host with or without a port.
+/// Returns `None` for other texts.
 fn with_type(text: &str) -> Option<String> {
     if text.starts_with("/dev/") {
         return Some(format!("rtu://{text}"));

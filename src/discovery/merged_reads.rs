@@ -1,5 +1,6 @@
-//! Test of reads of several values that fail: whether the device serves the values by other reads, and which quirks
-//! lead to those reads. The test writes nothing.
+//! Test of a device that does not serve a planned read of several values. The test divides the read into other reads,
+//! with other quirks (profile settings for peculiar devices). It finds the quirks with which the device serves all
+//! values. It only reads.
 
 use serde::Serialize;
 
@@ -14,7 +15,7 @@ use isotherm_profile::{Device, DeviceId, Profile, Quirks};
 /// Lengths, in registers, that the test tries one after another if a longer read fails.
 const LENGTHS: [u16; 7] = [64, 32, 16, 8, 4, 2, 1];
 
-/// Device that does not serve a planned read, but serves its values with other quirks.
+/// Device that does not serve a planned read, but serves the same values with other quirks.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct MergedReadTest {
     /// Name of the device in the profile.
@@ -27,8 +28,9 @@ pub struct MergedReadTest {
     pub quirks: String,
 }
 
-/// Tests the planned reads of these devices. Returns each device that serves its values only with other quirks, with
-/// the first quirks that help. Reads without gaps are tried first, then shorter reads, then one read for each value.
+/// Tests the planned reads of these devices. Returns each device that serves the values only with other quirks,
+/// together with the first quirks that help. Reads without gaps (unused registers between the values) are tried first,
+/// then shorter reads, then one read for each value.
 pub async fn tried(profile: &Profile, devices: &[DeviceId]) -> Vec<MergedReadTest> {
     let mut found = Vec::new();
     for id in devices {
@@ -80,8 +82,8 @@ pub async fn tried(profile: &Profile, devices: &[DeviceId]) -> Vec<MergedReadTes
     found
 }
 
-/// Sends these reads one after another. Returns the index and the fault of the first read that fails; `None` if none
-/// fails.
+/// Sends these reads one after another. Returns the index and the fault of the first read that fails; `None` if all
+/// reads succeed.
 async fn first_failure(
     reader: &mut UnitReader,
     device: &Device,

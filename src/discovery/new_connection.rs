@@ -1,5 +1,5 @@
 //! Test of a device that does not answer: whether it ignores requests for a time after connecting, or loses the first
-//! request of each connection. Also detects a line that returns each request. The test only reads.
+//! request of each connection. Also detects a bus line that returns each request (an echo). The test only reads.
 
 use std::fmt;
 use std::time::Duration;
@@ -18,16 +18,16 @@ use isotherm_profile::{Bus, BusId, Device, Profile, Quirks, duration_text};
 const PAUSES: [Duration; 2] = [Duration::from_millis(500), LONGEST_PAUSE];
 /// Longest pause after connecting that is tried.
 pub const LONGEST_PAUSE: Duration = Duration::from_secs(2);
-/// Maximum number of devices of a bus that get a read before the test. If none of them answers, the first device is
-/// tested.
+/// Maximum number of devices of a bus to which one read is sent before the test. If all these reads stay unanswered,
+/// the first device is tested.
 const DEVICES: usize = 4;
 
 /// Peculiar behaviour of a device on a new connection.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum NewConnection {
-    /// Device that answers only after this pause.
+    /// Device that answers only if the first request is sent this long after connecting.
     Deaf(Duration),
-    /// Device that loses the first request.
+    /// Device that loses the first request of each connection.
     LosesFirst,
 }
 
@@ -68,8 +68,9 @@ impl fmt::Display for NewConnection {
     }
 }
 
-/// Tests a unit that has not answered a read of these registers. Returns `None` if it answers now, or if it does not
-/// answer with any setting. The caller must have closed its own connection.
+/// Tests a unit that has not answered a read of these registers. Returns the behaviour with which the unit answers.
+/// Returns `None` if the unit answers without a change, or with no tested setting. The caller must have closed its own
+/// connection.
 pub async fn examine(
     line: &LineAddress,
     bus: &Bus,
@@ -123,8 +124,9 @@ async fn send(
     }
 }
 
-/// Tests the Modbus buses of a profile on which no device answers. Calls `begins` before a test of a device that takes
-/// long. Returns the devices that need a quirk in the profile, and the devices on a line that returns each request.
+/// Tests the Modbus buses of a profile on which no device answers. Calls `begins` with the bus and the device before
+/// each test that takes long. Returns the devices that need a quirk in the profile, and the devices on a bus line that
+/// returns each request.
 pub async fn examined(profile: &Profile, begins: impl Fn(&Bus, &Device)) -> Vec<NewConnectionAdvice> {
     let mut found = Vec::new();
     for (place, bus) in profile.buses.iter().enumerate() {

@@ -1,4 +1,4 @@
-//! Test whether a device supports two requests at a time: it gets two reads at once.
+//! Test whether a device supports two requests at a time. The test sends the device two reads at once.
 
 use serde::Serialize;
 

@@ -39,7 +39,7 @@ impl RegisterRange {
 /// each part, in ascending order.
 ///
 /// # Errors
-/// The fault that ended the search.
+/// The fault because of which the search ended early.
 pub async fn walk(
     asker: &mut UnitReader,
     unit: u8,

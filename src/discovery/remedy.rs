@@ -54,9 +54,9 @@ pub fn remedy(fault: Fault, question: Question<'_>) -> String {
             };
             format!("unit {unit}, {span} ({modicon}): {said}{below}")
         }
-        (_, Some(3)) => format!("unit {unit}, {count} at once: {said}. Try a smaller --count"),
+        (_, Some(3)) => format!("unit {unit}, --count {count}: {said}. Try a smaller --count"),
         (Fault::Peer(PeerFault::Length), _) => {
-            format!("unit {unit}, {count} at once: {said}{}", fewer(values))
+            format!("unit {unit}, --count {count}: {said}{}", fewer(values))
         }
         (Fault::Peer(PeerFault::Malformed), _) => match line.kind().scan {
             ScanKind::Units { malformed, .. } => format!("{line}: {said}{malformed}"),

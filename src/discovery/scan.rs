@@ -17,7 +17,7 @@ use isotherm_profile::{Bus, Quirks, Transport};
 /// Length in bytes of an RTU frame that reads one register. `ANSWER` is the length of the answer to it.
 const REQUEST: usize = 8;
 const ANSWER: usize = 7;
-/// Largest number of units that are tested with a pause after connecting, if no unit has answered.
+/// Maximum number of units that are tested with a pause after connecting, if no unit has answered the scan.
 const UNITS: usize = 8;
 
 /// Settings of a scan.
@@ -82,8 +82,8 @@ impl Scan {
         self.lines.len() * self.units.len() * self.registers.len()
     }
 
-    /// Returns the longest possible duration of the scan. In the worst case each request waits for the full timeout,
-    /// and for a new connection after it.
+    /// Returns the longest possible duration of the scan. In the worst case each request takes the full timeout, and
+    /// then a new connection must be opened.
     pub fn at_worst(&self) -> Duration {
         let pauses = self.quirks.pause_between_requests + self.quirks.pause_after_connect;
         let each_line = self.lines.iter().map(|line| {
@@ -139,7 +139,8 @@ impl Scan {
     }
 
     /// Tests whether the devices on the first line need a pause after connecting, or lose the first request of each
-    /// connection. The caller has received no answer from any unit. Returns the first unit with such a behaviour.
+    /// connection. The caller uses this after a scan in which no unit answered. Returns the first unit with such a
+    /// behaviour, and the behaviour.
     pub async fn examine(&self) -> Option<(u8, NewConnection)> {
         let (line, register) = (self.lines.first()?, *self.registers.first()?);
         // Over Modbus TCP, transaction numbers distinguish the answers of the units, so one connection is enough for
@@ -207,8 +208,8 @@ fn how(answer: &Result<Answer, Fault>) -> Option<AnswerKind> {
     }
 }
 
-/// Returns whether the device seems to ignore the unit number: all `asked` unit numbers answered in the same way. Many
-/// TCP devices do so, because they have only one unit.
+/// Returns whether the device seems to ignore the unit number: all `asked` unit numbers gave the same answer. Many TCP
+/// devices do so, because they have only one unit.
 pub fn heeds_no_number(found: &[&Responder], asked: usize) -> bool {
     asked > 3 && found.len() == asked && found.windows(2).all(|pair| pair[0].how == pair[1].how)
 }

@@ -81,8 +81,8 @@ impl UnitReader {
         self.line.iter_mut().for_each(DeviceLine::hang_up);
     }
 
-    /// Returns whether the gateway received its own last request, and nothing else before the timeout. Returns `false`
-    /// if the connection was closed after the timeout, for example after two timeouts in a row.
+    /// Returns whether the last request came back as an echo, and nothing else arrived before the timeout. Returns
+    /// `false` if the connection was closed after the timeout, for example after two timeouts in a row.
     pub fn has_come_back(&mut self) -> bool {
         self.line.as_mut().is_some_and(DeviceLine::has_come_back)
     }
@@ -90,7 +90,7 @@ impl UnitReader {
     /// Reads registers or bits of a unit. If the line cannot connect, it tries three times in total.
     ///
     /// # Errors
-    /// The fault for which the unit gave no valid answer.
+    /// The reason why there is no valid answer.
     pub async fn read(&mut self, unit: u8, from: Register, count: u16) -> Result<Answer, Fault> {
         let line = self.line.as_mut().ok_or(Fault::Caller(CallerFault::Function))?;
         let mut dials = 1;

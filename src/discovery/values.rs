@@ -1,4 +1,5 @@
-//! Decoding of registers for commands that read a device without a signal in a profile.
+//! Decoding of register values for commands that read any registers of a device, also those without a signal in a
+//! profile.
 
 use serde::Serialize;
 
@@ -16,7 +17,7 @@ pub struct ValueFormat {
     pub byte_swap: bool,
     /// Scale factor: engineering units per count of the raw value.
     pub scale: f64,
-    /// Engineering value of raw zero.
+    /// Engineering value that belongs to the raw value 0.
     pub offset: f64,
 }
 
@@ -29,7 +30,7 @@ pub struct RegisterValue {
     pub modicon: String,
     /// Registers in hexadecimal digits, lowest address first; for a bit, 0 or 1.
     pub raw: String,
-    /// Decoded value. It has several entries if the format is ambiguous.
+    /// Decoded value, in each possible format: several entries if the format is ambiguous.
     pub readings: Vec<Reading>,
 }
 
@@ -44,7 +45,7 @@ pub struct Reading {
 }
 
 impl ValueFormat {
-    /// Returns the number of registers or bits of one value.
+    /// Returns the number of registers (for bits: of bits) that one value occupies.
     pub fn registers(&self) -> u16 {
         self.data_type.map_or(1, DataType::registers)
     }

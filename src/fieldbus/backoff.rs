@@ -18,8 +18,8 @@ pub struct Backoff {
 }
 
 impl Backoff {
-    /// Returns a back-off that begins with a pause of `shortest`. The jitter depends only on `seed`, so that a run can
-    /// be repeated.
+    /// Returns a back-off that begins with a pause of `shortest`. The jitter depends only on `seed`, so that a
+    /// simulation can be repeated exactly.
     pub fn new(shortest: Duration, seed: u64) -> Backoff {
         Backoff { shortest: shortest.min(LONGEST), failures: 0, not_before: None, jitter: seed }
     }

@@ -1,6 +1,7 @@
-//! Open connection of any transport, and its opening.
+//! Open connection of any transport, and the interface of the objects that open connections.
 //!
-//! The trait [`super::wire::Wire`] depends on no transport. This module selects among the transports of Modbus.
+//! [`super::wire::Wire`] is the interface of all connections. This module distinguishes Modbus TCP, other Modbus
+//! connections, and connections of any other protocol.
 
 use std::time::Duration;
 
@@ -14,8 +15,8 @@ use super::wire::{Answer, Boxed, Request, Wire};
 
 /// Opener of the connections of one line, one after the other.
 pub trait Dial: Send {
-    /// Opens a connection; there is no time limit. `tap` receives the bytes of the connection, for the log of its
-    /// frames. Some transports have no bytes to log.
+    /// Opens a connection, without a time limit. `tap` receives the bytes of the connection, for the log of its frames.
+    /// Some transports have no bytes to log.
     fn dial<'a>(&'a mut self, tap: &'a Tap) -> Boxed<'a, Result<Connection, Fault>>;
 
     /// Returns the fault to report if the other end accepts a connection and closes it before its first answer.
@@ -49,10 +50,10 @@ pub trait Dial: Send {
 /// An open connection of any kind.
 #[allow(
     clippy::large_enum_variant,
-    reason = "there is one value for each line, and Modbus TCP must not be called through a pointer"
+    reason = "each bus line has only one such value, and calls of Modbus TCP through a pointer would be slower"
 )]
 pub enum Connection {
-    /// Modbus TCP, the most common kind. It is called without dynamic dispatch, which a fast loop would notice.
+    /// Modbus TCP, the most common kind. It is called without dynamic dispatch, which would slow down a fast loop.
     ModbusTcp(ModbusTcp),
     /// Modbus connection of another kind, called by dynamic dispatch.
     Modbus(Box<dyn ModbusWire>),
@@ -96,8 +97,8 @@ impl Connection {
         }
     }
 
-    /// Returns whether an answer is assigned to its request by a number or by the protocol. Without this, as on a
-    /// serial line, a late answer looks like the answer to the next request.
+    /// Returns whether each answer shows to which request it belongs, by a transaction number or by rules of the
+    /// protocol. If not, as on a serial line, a late answer looks like the answer to the next request.
     pub(super) fn has_transaction_id(&mut self) -> bool {
         self.modbus().is_none_or(|modbus| modbus.has_transaction_id())
     }

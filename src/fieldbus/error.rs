@@ -28,20 +28,22 @@ pub enum Fault {
     /// The OPC UA server refuses the request with this status.
     #[error("the server answers {0}")]
     Status(Status),
-    /// The OPC UA server has written some of the nodes of one call, but refuses to write another node with this status.
-    #[error("the server has written only some nodes of one call, and answers {status} to node {place}")]
+    /// The OPC UA server has written only some of the nodes of one write call.
+    #[error(
+        "the server has written only some nodes of one call, and refused node {place} of this call: {status}"
+    )]
     Part {
-        /// Status of the first node that was not written.
+        /// Status that the server gave for the first node that it did not write.
         status: Status,
-        /// Number of that node within the call, counted from 1.
+        /// Number of this node within the call, counted from 1.
         place: u16,
     },
     /// One of several OPC UA nodes that are read in one request has no valid value.
-    #[error("node {place} of the nodes that are read together: {fault}", fault = Fault::of_a_node(*.reason))]
+    #[error("node {place} of the nodes in one read request: {fault}", fault = Fault::of_a_node(*.reason))]
     Unreadable {
         /// Reason why the value is not valid.
         reason: Reason,
-        /// Number of that node within the call, counted from 1.
+        /// Number of this node within the call, counted from 1.
         place: u16,
     },
     /// No answer arrived in time.
@@ -52,7 +54,7 @@ pub enum Fault {
 /// Request that must not be sent.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, thiserror::Error)]
 pub enum CallerFault {
-    /// No registers, more registers than a request can have, or registers beyond the last address.
+    /// The request has no registers, too many registers for one message, or registers beyond the last address.
     #[error("the request exceeds the limits of the protocol")]
     Extent,
     /// A function code that the profile does not allow for this device.
@@ -109,8 +111,8 @@ pub enum LinkFault {
     /// Another program uses the serial port.
     #[error("another program uses the serial port")]
     Busy,
-    /// The port is no serial port, or does not support these settings.
-    #[error("no serial port, or one that does not support these settings")]
+    /// The file is not a serial port, or the port does not support these settings.
+    #[error("not a serial port, or the port does not support these settings")]
     Unsuited,
     /// The connection was closed before its first answer.
     #[error("the connection was closed before the first answer")]
@@ -143,10 +145,10 @@ pub enum CanFault {
     /// The interface does not exist, or was removed.
     #[error("no such interface")]
     NoInterface,
-    /// The interface is no CAN interface.
+    /// The interface is not a CAN interface.
     #[error("no CAN interface")]
     NotCan,
-    /// The kernel of this computer has no CAN.
+    /// The kernel of this computer does not support CAN.
     #[error("the kernel of this computer does not support CAN")]
     NoKernel,
     /// This user has no permission to use the interface.
@@ -168,7 +170,7 @@ pub enum CanFault {
 pub enum PeerFault {
     /// Reply with the number of another transaction or unit: a late reply to an earlier request, or a reply to another
     /// master.
-    #[error("reply of another transaction or unit")]
+    #[error("reply to another transaction, or of another unit")]
     Foreign,
     /// Reply over TCP that has the transaction number of the request, but this unit number instead of the requested
     /// one.
@@ -180,13 +182,13 @@ pub enum PeerFault {
     /// Reply with more or fewer registers than requested.
     #[error("reply with the wrong number of registers")]
     Length,
-    /// Reply to a write with another address, value or count.
-    #[error("write answered with another address or value")]
+    /// Reply to a write that does not repeat the address, value or count of the request.
+    #[error("the reply to a write names another address or value")]
     Echo,
     /// CANopen object whose width differs from its type in the profile.
     #[error("the object has another width than its type in the profile")]
     Width,
-    /// OPC UA node whose type differs from the profile.
+    /// OPC UA node whose type differs from its type in the profile.
     #[error("the node has another type than the profile says")]
     Type,
     /// OPC UA node whose value is not a number, although the profile states no type for it.
@@ -217,11 +219,11 @@ pub enum PeerFault {
     #[error("data arrived without a request")]
     Unasked,
     /// Reply of a Modbus gateway that answers an earlier request instead of the present one.
-    #[error("out of order: a request received the answer to the request before it")]
+    #[error("answers out of order: a request received the answer to the request before it")]
     OutOfOrder,
 }
 
-/// Whether a failed write was nevertheless executed by the device.
+/// Whether the device has executed a write that failed for the gateway.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Outcome {
     /// The device has not executed the write, and will not execute it.
@@ -312,8 +314,8 @@ impl Fault {
     /// Returns the outcome of a write that failed with this fault.
     ///
     /// A refusal counts as [`Outcome::NotDone`] only if its definition excludes that the write was executed. Exceptions
-    /// 11 and 5 do not: a Modbus gateway sends 11 if the device did not answer, even if it executed the write.
-    /// Exception 5 means "accepted, takes long". A full queue or bus-off of CAN proves nothing.
+    /// 11 and 5 do not exclude this: a Modbus gateway sends 11 if the device did not answer, even if it executed the
+    /// write. Exception 5 means "accepted, takes long". A full queue or bus-off of CAN proves nothing.
     pub const fn outcome(self) -> Outcome {
         match self {
             // The request was not sent.
@@ -349,8 +351,9 @@ impl Fault {
         }
     }
 
-    /// Returns whether the request was not sent, for a reason that is no error of the device. Its deadline has passed,
-    /// an earlier answer may still arrive, or the connection on which the request depends is lost.
+    /// Returns whether the gateway did not send the request, although the device has no fault. Possible reasons: the
+    /// deadline of the request has passed, an earlier answer may still arrive, or the connection on which the request
+    /// depends is lost.
     pub const fn has_lapsed(self) -> bool {
         matches!(
             self,
@@ -372,7 +375,8 @@ impl Fault {
         }
     }
 
-    /// Returns whether the fault is one of the whole line, which has no connection, and not of a single device.
+    /// Returns whether the fault concerns the whole bus line, because the line has no connection. Other faults concern
+    /// a single device.
     pub const fn is_of_the_line(self) -> bool {
         matches!(self, Fault::Link(fault) if !matches!(fault, LinkFault::Broken))
     }
@@ -383,7 +387,7 @@ impl Fault {
         matches!(self, Fault::Link(LinkFault::OpcUa(_) | LinkFault::Tls(_) | LinkFault::NoDescriptors))
     }
 
-    /// Returns the reason that a reading gets as its quality if its request failed with this fault.
+    /// Returns the quality reason of a reading whose request failed with this fault.
     pub const fn reason(self) -> Reason {
         match self {
             Fault::Exception(code) | Fault::Peer(PeerFault::LongException(code)) => Reason::Exception(code),

@@ -24,10 +24,10 @@ const NOT_A_NUMBER: &str = "write another node: `isotherm read --browse` shows w
 
 /// Remedy if a program has reached its limit of open files.
 const MORE_FILES: &str =
-    "raise the limit: `ulimit -n 4096` in a shell, `LimitNOFILE=4096` in a unit of systemd";
+    "raise the limit: `ulimit -n 4096` in a shell, `LimitNOFILE=4096` in the systemd unit";
 
-/// Returns what the user can do about a fault. `None` if the text of its cause is sufficient, or if only the table in
-/// `kinds/modbus/hint.rs` has advice on it.
+/// Returns what the user can do about a fault. Returns `None` if the text of the cause is sufficient, or if the advice
+/// is in the table of `kinds/modbus/hint.rs`.
 pub const fn remedy(fault: Fault) -> Option<&'static str> {
     Some(match fault {
         Fault::Timeout => modbus::hint::SILENT,
@@ -69,7 +69,7 @@ pub const fn remedy(fault: Fault) -> Option<&'static str> {
         Fault::Link(LinkFault::Tls(fault)) => return modbus::hint::inside_tls(fault),
         Fault::Peer(PeerFault::Malformed) => {
             "on a serial line, check baud rate and parity, and that no two units have the same number; over TCP: \
-             is it RTU over TCP?"
+             does the device send RTU frames (RTU over TCP)?"
         }
         Fault::Peer(PeerFault::Foreign) => "is another master on the line?",
         Fault::Peer(PeerFault::Unasked) => "is it a late reply, or another master on the same line?",
@@ -84,7 +84,7 @@ pub const fn remedy(fault: Fault) -> Option<&'static str> {
             "set the server to accept more nodes in one call, or divide the outputs over several output sets"
         }
         Fault::Peer(PeerFault::Type) => {
-            "write the node's own `type`. Without `type`, a signal accepts any number"
+            "write the `type` that the node has at the server. Without `type`, a signal accepts any number"
         }
         Fault::Peer(PeerFault::NotANumber) => NOT_A_NUMBER,
         Fault::Peer(PeerFault::NoValue) => {
@@ -96,7 +96,7 @@ pub const fn remedy(fault: Fault) -> Option<&'static str> {
     })
 }
 
-/// Returns the remedy for a reading that is not good, which depends on the reason.
+/// Returns the remedy for a reading that is not valid for this reason.
 pub const fn remedy_of_a_reading(reason: Reason) -> &'static str {
     match reason {
         Reason::OpenCircuit => "look for a broken wire or an unplugged connector",
@@ -125,7 +125,7 @@ pub const fn remedy_of_a_reading(reason: Reason) -> &'static str {
             "the node sends fewer bytes than the profile reads: is it another variant of the node?"
         }
         Reason::NotANumber => "are `type` and `word_order` those of the device?",
-        Reason::WrongType => "write the node's own `type`",
+        Reason::WrongType => "write the `type` that the node has at the server",
         Reason::NoNumber => NOT_A_NUMBER,
         Reason::NoElement => {
             "is `element` counted from 0, with one index for each dimension? `isotherm read --browse` shows the node"
@@ -156,7 +156,8 @@ pub const fn remedy_of_a_reading(reason: Reason) -> &'static str {
     }
 }
 
-/// Returns cause and remedy of a failed request as one text. Faults that only Modbus has get the advice for Modbus.
+/// Returns cause and remedy of a failed request as one text. The remedy is the advice for Modbus, if only Modbus has
+/// this fault.
 pub fn explain(seen: impl Into<Seen>) -> String {
     let seen = seen.into();
     let general = || remedy(seen.fault).map(Cow::Borrowed);
@@ -170,8 +171,8 @@ pub fn explain_on(line: Transport, seen: impl Into<Seen>) -> Explained {
     advised_on(line, seen, seen.fault.to_string())
 }
 
-/// Returns this text as `cause`, together with the remedy for a failed request. The remedy depends on the transport of
-/// the line.
+/// Returns the text `cause`, together with the remedy for a failed request. The remedy depends on the transport of the
+/// line.
 pub fn advised_on(line: Transport, seen: impl Into<Seen>, cause: String) -> Explained {
     let (seen, kind) = (seen.into(), kinds::of(line));
     let general = || (kind.hint)(seen.fault).or_else(|| remedy(seen.fault)).map(Cow::Borrowed);
@@ -204,7 +205,7 @@ pub fn explain_system(error: &Error) -> Explained {
         ErrorKind::StorageFull => "the disk is full".into(),
         ErrorKind::FileTooLarge => Explained::new(
             "a file has reached the largest size that this process may write",
-            "raise the limit: `ulimit -f unlimited` in a shell, `LimitFSIZE=infinity` in a unit of systemd",
+            "raise the limit: `ulimit -f unlimited` in a shell, `LimitFSIZE=infinity` in the systemd unit",
         ),
         ErrorKind::ReadOnlyFilesystem => {
             Explained::new("the disk is read-only", "use another directory (`--state`)")

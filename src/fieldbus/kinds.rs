@@ -21,7 +21,7 @@ use kind::BusKind;
 
 pub use target::baud;
 
-/// All types of bus, in the order in which messages list their addresses.
+/// All types of bus, in the order in which messages list examples of their addresses.
 pub const KINDS: [&BusKind; 10] = [
     &modbus::TCP,
     &modbus::SERIAL,

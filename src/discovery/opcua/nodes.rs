@@ -1,4 +1,5 @@
-//! Nodes of a profile as their servers describe them, and contradictions to the profile.
+//! Comparison of the OPC UA nodes of a profile with the description by their server. Each contradiction, for example
+//! another type, results in advice to the user.
 
 use serde::Serialize;
 
@@ -8,7 +9,7 @@ use crate::fieldbus::kinds::opcua::client::browse::{Browser, Described, Value};
 use isotherm_core::codec::{Address, Node, number_in};
 use isotherm_profile::{Bit, Bus, BusId, Profile, Transport};
 
-/// Name that OPC UA gives to the type of texts.
+/// OPC UA name of the type of texts.
 const TEXT: &str = "String";
 
 /// Node of the profile as its server describes it.
@@ -21,7 +22,7 @@ pub struct Inspected {
     /// Description by the server; `None` if the server did not answer.
     #[serde(flatten)]
     pub found: Option<Described>,
-    /// Contradictions to the profile, each with advice; empty if there is none.
+    /// Advice on each contradiction between the server and the profile; empty if both agree.
     pub advice: Vec<String>,
 }
 
@@ -35,7 +36,7 @@ struct NodeRequirement<'p> {
 /// Use of a node in the profile.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum NodeRole {
-    /// Node of a signal. Its value may be an element of an array, or a text that is a number.
+    /// Node of a signal. Its value may be an element of an array, or a text that contains a number.
     Signal,
     /// Node whose value the gateway compares with an expected value. The profile states the type of the node.
     Compared,
@@ -137,7 +138,7 @@ fn advice(wanted: &NodeRequirement<'_>, found: &Described) -> Vec<String> {
     let Some(variable) = &found.variable else {
         return vec![match found.status.is_good() {
             true => {
-                "the node is no variable: a node below it holds the value (`isotherm read PROFILE --browse \
+                "the node is not a variable: a node below it holds the value (`isotherm read PROFILE --browse \
                  NODE`)"
                     .to_owned()
             }
@@ -150,7 +151,7 @@ fn advice(wanted: &NodeRequirement<'_>, found: &Described) -> Vec<String> {
     }
     if !variable.is_readable {
         advice.push(
-            "this user may not read the node: give the user this right at the server, or write another `user`"
+            "this user may not read the node: give the user this right at the server, or enter another `user`"
                 .to_owned(),
         );
     } else if !found.status.is_good() {
@@ -158,7 +159,7 @@ fn advice(wanted: &NodeRequirement<'_>, found: &Described) -> Vec<String> {
     }
     if wanted.role == NodeRole::Written && !variable.is_writable {
         advice.push(
-            "this user may not write the node: give the user this right at the server, or write another \
+            "this user may not write the node: give the user this right at the server, or enter another \
              `user`. Is it the right node?"
                 .to_owned(),
         );
@@ -173,23 +174,24 @@ fn wrong_type(wanted: &NodeRequirement<'_>, variable: &Value) -> Option<String> 
     let is_number = is_signal && value.as_deref().is_some_and(|text| number_in(text).is_some());
     match (node.data_type, data_type) {
         _ if *is_array && !is_signal => {
-            Some("the node holds several values: name the node of one value".to_owned())
+            Some("the node holds several values: write the identifier of a node with one value".to_owned())
         }
         _ if *is_array && node.element.is_none() => Some(
-            "the node holds several values: write element = 0 for the first one, or name the node of one value"
+            "the node holds several values: write element = 0 for the first value, or write the identifier of a node \
+             with one value"
                 .to_owned(),
         ),
         // Without a value, the server does not say whether the node holds an array.
         _ if !*is_array && value.is_some() && node.element.is_some() => {
-            Some("the node holds one value: remove `element`".to_owned())
+            Some("the node holds one value: remove `element` from the profile".to_owned())
         }
         (_, None) if kind.is_empty() => None,
         // The texts of an array are not shown here, so whether they are numbers is not known.
         (None, None) if kind == TEXT && (is_number || *is_array) => None,
         (Some(_), None) if kind == TEXT && is_number => {
-            Some("the value is a text that is a number: remove `type`".to_owned())
+            Some("the server sends the number as a text: remove `type` from the profile".to_owned())
         }
-        (_, None) => Some(format!("the value is {}, not a number: name another node", one(kind))),
+        (_, None) => Some(format!("the value is {}, not a number: write another node", one(kind))),
         (Some(said), Some(known)) if said != *known => Some(format!(
             "the value is {}, but the profile says {}: write type = \"{}\"",
             one(kind),

@@ -26,15 +26,15 @@ pub struct BusKind {
     /// Returns the object that opens the connections of a bus. Returns `None` for a CAN interface, because the task
     /// that receives its frames opens it.
     pub dial: fn(&Bus) -> Option<Box<dyn Dial>>,
-    /// Returns the remedy for a fault; `None` if the general advice for all types of bus fits.
+    /// Returns the remedy for a fault; `None` if the general remedy for all types of bus applies.
     pub hint: fn(Fault) -> Option<&'static str>,
     /// Returns the advice on a failed request if details of the request allow better advice than the fault alone. This
     /// advice replaces that of `hint`.
     pub advice: fn(Seen) -> Option<Advice>,
     /// Returns the identification of the physical line, which shows that two addresses belong to the same line.
     pub place: fn(&Bus) -> LinePlace,
-    /// Whether answers may be missing although no device is faulty. Single answers get lost, or missing answers are the
-    /// only sign of a lost connection.
+    /// Whether answers may be missing although no device is faulty. Single answers may get lost on the line, or a lost
+    /// connection shows only by missing answers.
     pub is_lossy: bool,
     /// Whether the other end is an OPC UA server, whose namespaces identify its devices.
     pub has_namespaces: bool,
@@ -70,7 +70,7 @@ pub enum ScanKind {
     },
     /// Line whose devices have no registers, such as a CAN line.
     Other {
-        /// Kind of line for a message, for example "a CAN line".
+        /// Description of the line for a message, for example "a CAN line".
         is: &'static str,
         /// Advice for the user: another command instead of one that reads registers.
         instead: &'static str,
@@ -86,23 +86,24 @@ pub type ScanFunction = for<'a> fn(&'a Bus, Option<Duration>) -> Boxed<'a, Resul
 /// Result of a scan.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ScanReport {
-    /// Whether the scan found nothing on the line.
+    /// Whether the scan found no device on the line.
     pub is_empty: bool,
-    /// Result for programs.
+    /// Result as JSON, for programs.
     pub json: serde_json::Value,
-    /// Result for users; empty if the scan found nothing.
+    /// Result as text, for users; empty if the scan found no device.
     pub text: String,
-    /// Bus for a profile: its name, and the profile lines after its address. The error is the reason why the gateway
-    /// cannot use the line.
+    /// Bus for a profile: its name, and the text lines that follow the address in the profile. The error is the reason
+    /// why the gateway cannot use the bus.
     pub profile: Result<(&'static str, String), String>,
 }
 
 /// How a simulated machine replaces the devices of a line.
 #[derive(Clone, Copy)]
 pub enum VirtualLine {
-    /// The simulated machine serves the line. The text comes before the address in a message, for example "listens on".
+    /// The simulated machine answers on the line. The text stands before the address in a message, for example "listens
+    /// on".
     Served(&'static str),
-    /// The simulated machine does not serve the line. The function returns a sentence with the reason.
+    /// The simulated machine does not simulate the line. The function returns a sentence with the reason.
     Absent(fn(&Bus) -> String),
 }
 

@@ -2,11 +2,11 @@
 //!
 //! - [`tcp`] — frames of Modbus TCP; [`rtu`] — frames of a serial line. The private module `pdu` builds and checks the
 //!   content of both. [`ascii`] — a port whose frames of Modbus ASCII become frames of RTU.
-//! - [`pending_replies`] — late replies that a unit may still send after a timeout, and requests that are safe
+//! - [`pending_replies`] — late replies that a unit may still send after a timeout, and the requests that may be sent
 //!   meanwhile.
 //! - [`reply_signature`] — what distinguishes the answers to two requests; `order_check` — whether the answers of a
 //!   unit behind a gateway belong to their requests.
-//! - [`text`] — text of another protocol on the line.
+//! - [`text`] — detection of text of another protocol on the line.
 //! - [`wire`] — interface of a Modbus connection, in addition to that of every line.
 //! - `pipeline` — whether two requests are sent together, and when the line stops doing so.
 

@@ -70,7 +70,7 @@ fn dial(_: &Bus) -> Option<Box<dyn Dial>> {
 #[cfg(not(feature = "opcua"))]
 mod not_built_in;
 
-/// Returns the remedy for a fault of an OPC UA line; `None` if the general remedy for all types of bus fits.
+/// Returns the remedy for a fault of an OPC UA line; `None` if the general remedy for all types of bus applies.
 const fn hint(fault: Fault) -> Option<&'static str> {
     Some(match fault {
         Fault::Timeout => {
@@ -102,11 +102,11 @@ pub(in crate::fieldbus) const fn status_hint(status: Status) -> &'static str {
              server?"
         }
         _ if status.is(Status::WRITE_NOT_SUPPORTED) => {
-            "the server does not let this node be written with a value alone, without a time and a quality. \
-             Is it the right node? Is writing it over OPC UA switched on at the server?"
+            "the server does not accept a value without time stamp and quality for this node. \
+             Is it the right node? Is writing this node over OPC UA switched on at the server?"
         }
         _ if status.is(Status::TYPE_MISMATCH) => {
-            "the node has another type: write the node's own `type` at the output. An OPC UA browser shows it"
+            "the node has another type: write its type into `type` of the output. An OPC UA browser shows the type"
         }
         _ if status.is(Status::NO_SUCH_NODE) => {
             "there is no such node at the server: `isotherm read --browse` shows its nodes and namespaces. Is the name \
@@ -118,11 +118,11 @@ pub(in crate::fieldbus) const fn status_hint(status: Status) -> &'static str {
             || status.is(Status::ENCODING_LIMITS) =>
         {
             "the call is too large for the server, even in its smallest form: set the server to accept more nodes \
-             and longer messages. A set is written in one call: make it smaller"
+             and longer messages. An output set is written in one call: make the set smaller"
         }
         _ if status.is(Status::OUT_OF_RANGE) => {
-            "the server does not accept this value for the node: are `scale`, the axis's `limit` and the \
-             node's range right?"
+            "the server does not accept this value for the node: are `scale`, the `limit` of the axis and \
+             the range of the node right?"
         }
         _ => "the server's own log or display says why",
     }

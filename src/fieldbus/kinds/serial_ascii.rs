@@ -1,8 +1,9 @@
-//! Devices that send lines of text: readouts, gauges, and DCON modules. The lines are only read.
+//! Devices that send lines of text: readouts, gauges, and DCON modules. The gateway only reads from them.
 //!
 //! - [`lines`] — lines of text from the bytes of a port. `search` — the values in the lines of one answer.
 //! - [`pending`] — requests whose answers may still arrive.
-//! - [`wire`] — sends a request and receives its lines. `port` is its port, and `dial` opens it.
+//! - [`wire`] — sends a request and receives the lines of the answer. `port` reads the lines from a port, and `dial`
+//!   opens the port.
 //! - `scan` — shows the text on a line, and searches for DCON modules.
 //!
 //! Some devices send without a request. Each read then discards what has arrived, and takes the next whole line. The
@@ -84,7 +85,8 @@ fn dial(bus: &Bus) -> Option<Box<dyn Dial>> {
     Some(Box::new(dial::TextDial::new(bus)?))
 }
 
-/// Returns the remedy for a fault of a device that sends text; `None` if the general remedy fits.
+/// Returns the remedy for a fault of a device that sends text; `None` if the general remedy for all types of bus
+/// applies.
 fn hint(fault: Fault) -> Option<&'static str> {
     match fault {
         Fault::Timeout => Some(

@@ -47,7 +47,7 @@ pub const KIND: BusKind = BusKind {
     hint: |_| Some(AT_THIS_COMPUTER),
     scan: ScanKind::Other {
         is: "sensors of this computer",
-        instead: "`isotherm scan --bus DIRECTORY` lists them, for example of /sys",
+        instead: "`isotherm scan --bus DIRECTORY` lists the sensors below a directory, for example /sys",
         scan: Some(scan::report),
     },
     virtual_line: VirtualLine::Absent(|bus| {

@@ -5,7 +5,7 @@ use isotherm_profile::{Parity, Serial, host_and_port};
 /// Default settings of a serial port. Most modules have these settings on delivery.
 const SHIPPED_WITH: Serial = Serial { baud: 9600, parity: Parity::None, stop_bits: 1 };
 
-/// Returns host and port of an address. If the address has no port, adds the port `usual` of the type of bus.
+/// Returns host and port of an address. If the address has no port, adds `usual`, the default port of this type of bus.
 pub(super) fn host(text: &str, usual: Option<u16>) -> Result<String, String> {
     let text = text.strip_suffix('/').unwrap_or(text);
     if text.is_empty() {
@@ -35,7 +35,7 @@ pub(super) fn host_of_url(url: &str) -> &str {
 pub(super) fn serial(text: &str) -> Result<(Serial, String), String> {
     let (path, settings) = text.split_once('?').unwrap_or((text, ""));
     if !path.starts_with('/') {
-        return Err(format!("`{path}` is no serial port; write three slashes: rtu:///dev/ttyUSB0"));
+        return Err(format!("`{path}` is not a serial port; write three slashes: rtu:///dev/ttyUSB0"));
     }
     let mut serial = SHIPPED_WITH;
     for setting in settings.split('&').filter(|setting| !setting.is_empty()) {
@@ -50,7 +50,7 @@ pub(super) fn serial(text: &str) -> Result<(Serial, String), String> {
             }
             _ => {
                 return Err(format!(
-                    "`{key}` is no setting of a serial port; allowed: baud, parity, stop_bits"
+                    "`{key}` is not a setting of a serial port; allowed: baud, parity, stop_bits"
                 ));
             }
         }
@@ -82,7 +82,7 @@ pub(super) fn serial_with_data_bits(
     Ok((serial, data_bits, path))
 }
 
-/// Returns the lines of a profile with the settings of a serial port.
+/// Returns the settings of a serial port as text lines of a profile.
 pub(super) fn profile_lines(Serial { baud, parity, stop_bits }: Serial, data_bits: u8) -> String {
     let parity = parity.word();
     format!("baud = {baud}\ndata_bits = {data_bits}\nparity = \"{parity}\"\nstop_bits = {stop_bits}\n")
@@ -94,5 +94,5 @@ pub(super) fn profile_lines(Serial { baud, parity, stop_bits }: Serial, data_bit
 /// The allowed range, in one sentence.
 pub fn baud(text: &str) -> Result<u32, String> {
     let baud = text.trim().parse().ok().filter(|baud| (300..=4_000_000).contains(baud));
-    baud.ok_or_else(|| format!("`{text}` is no number of bits per second; allowed: 300 to 4000000"))
+    baud.ok_or_else(|| format!("`{text}` is not a valid number of bits per second; allowed: 300 to 4000000"))
 }

@@ -182,7 +182,7 @@ fn what_of_a_profile_does_not_fit_its_server_is_told_node_by_node() {
             "the value is an Int32, but the profile says i16: write type = \"i32\"",
         ),
         (("ns=2;s=bed", "ns=2;s=text"), "the value is a String, not a number"),
-        (("ns=2;s=bed", "ns=2;s=folder"), "the node is no variable"),
+        (("ns=2;s=bed", "ns=2;s=folder"), "the node is not a variable"),
         (("ns=2;s=bed", "ns=2;s=several"), "the node holds several values"),
         (("ns=2;s=bed", "ns=2;s=hidden"), "this user may not read the node"),
     ];
@@ -275,7 +275,7 @@ fn a_scan_shows_what_a_server_offers_and_what_a_profile_says_to_take_the_best_of
     let text = scan(&[]);
     let lines = format!("type = \"opcua\"\naddress = \"{bus}\"\nsecurity = \"sign-and-encrypt\"\n");
     assert!(text.out.contains(&lines), "{}{}", text.out, text.said);
-    let user = "trusted = \"trusted\"\n# a user of the server; the file holds the password alone\nuser = { name = \"isotherm\", \
+    let user = "trusted = \"trusted\"\n# a user of the server; the file contains only the password\nuser = { name = \"isotherm\", \
                 password_file = \"opcua.password\" }\n";
     assert!(text.out.contains(user), "{}", text.out);
     assert!(text.out.contains("  sign              Basic256Sha256        password\n"), "{}", text.out);

@@ -1,4 +1,5 @@
-//! CAN frames that the gateway writes. Several values may share a frame. The gateway always sends the whole frame.
+//! Content of the CAN frames that the gateway writes. Several values may share a frame, and the gateway always sends
+//! the whole frame. It therefore must know the other values of the frame before it sends one.
 
 use crate::fieldbus::error::{CallerFault, Fault};
 use isotherm_core::codec::{BitField, CanId, Encoded, Frame, Object};

@@ -16,11 +16,12 @@ pub struct Interface {
     pub does_fd: bool,
     /// Bits per second; `None` if the driver has no bit rate, as for a virtual interface.
     pub bitrate: Option<u32>,
-    /// Pause in milliseconds after which the controller restarts from bus-off. 0: it does not restart by itself.
+    /// Pause in milliseconds after which the controller restarts from bus-off. 0: the controller does not restart by
+    /// itself.
     pub restart_ms: Option<u32>,
-    /// State of the controller, as text.
+    /// State of the controller as text, for example `stopped`; `None` if the driver does not report it.
     pub state: Option<&'static str>,
-    /// Error counters of the controller: (transmit errors, receive errors).
+    /// Error counters of the controller: (transmit errors, receive errors). `None` if the driver does not report them.
     pub errors: Option<(u16, u16)>,
 }
 

@@ -37,8 +37,8 @@ struct Inner {
     passing: Option<mpsc::Sender<Frame>>,
     clients: BTreeMap<NodeId, Client>,
     images: Images,
-    /// Number of times that the send queue of a closed socket was full. `lost` is the number of frames that closed
-    /// sockets have lost.
+    /// Number of frames that the closed sockets could not send, because the send queue was full. `lost`: number of
+    /// received frames that the kernel dropped on the closed sockets.
     full: u64,
     lost: u64,
 }
@@ -122,8 +122,8 @@ impl Link {
         !Interface::query(&self.interface).is_ok_and(|found| found.is_up)
     }
 
-    /// Passes an SDO frame to the task that waits for it. The frame is an answer, or the task's own request after it
-    /// was sent on the bus.
+    /// Passes an SDO frame to the task that has requested an SDO transfer. The frame is an answer, or the request of
+    /// this task as received back from the bus.
     pub fn passed(&self, frame: &Frame) {
         if let Some(passing) = &self.inner().passing {
             // If the queue is full, no requester waits for this frame.
@@ -131,21 +131,21 @@ impl Link {
         }
     }
 
-    /// Returns how many frames could not be sent since the start because the send queue was full.
+    /// Returns how many frames the gateway could not send since its start, because the send queue was full.
     pub fn full(&self) -> u64 {
         let inner = self.inner();
         inner.full + inner.socket.as_ref().map_or(0, |socket| socket.full())
     }
 
-    /// Returns the number of received frames that the kernel dropped since the start, because the gateway did not read
-    /// them fast enough.
+    /// Returns how many received frames the kernel has dropped since the start of the gateway, because the gateway did
+    /// not read them fast enough.
     pub fn lost(&self) -> u64 {
         let inner = self.inner();
         inner.lost + inner.socket.as_ref().map_or(0, |socket| socket.lost())
     }
 
-    /// Registers a new requester of SDO transfers, which replaces the previous one. Returns the queue from which it
-    /// receives the SDO frames.
+    /// Registers the caller as the requester of SDO transfers, in place of the previous requester. Returns the queue
+    /// from which it receives the SDO frames.
     pub(super) fn ask(&self) -> mpsc::Receiver<Frame> {
         let (sender, receiver) = mpsc::channel(UNREAD);
         self.inner().passing = Some(sender);
@@ -167,7 +167,8 @@ impl Link {
 }
 
 impl Inner {
-    /// Adds the counters of the present socket to the sums of closed sockets, unless `kept` is the same socket.
+    /// Adds the counters of the present socket to the sums of the closed sockets. Does nothing if `kept` is the present
+    /// socket.
     fn give_up(&mut self, kept: Option<&Arc<Socket>>) {
         let is_kept = |socket: &&Arc<Socket>| kept.is_some_and(|kept| Arc::ptr_eq(kept, socket));
         if let Some(socket) = self.socket.as_ref().filter(|socket| !is_kept(socket)) {

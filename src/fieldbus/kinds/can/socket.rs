@@ -35,7 +35,7 @@ const BUFFER: libc::c_int = 4 << 20;
 /// Maximum number of filters that the kernel accepts. With more matches, no filter is set, and the socket receives all
 /// frames.
 const MOST_FILTERS: usize = 512;
-/// Event to wait for before reading: frames have arrived, or the interface went down.
+/// Events for which the socket waits before a read: frames have arrived, or the interface went down.
 const READING: Interest = Interest::READABLE.add(Interest::ERROR);
 /// Classes of error frames to receive: all except lost arbitration, which is normal on a healthy bus.
 const TROUBLES: u32 = libc::CAN_ERR_MASK & !libc::CAN_ERR_LOSTARB;
@@ -177,7 +177,7 @@ const fn fault(fault: CanFault) -> Fault {
 
 #[allow(
     deprecated,
-    reason = "the replacement is unsafe for types that change their file descriptor; this type keeps the same one"
+    reason = "its replacement is an unsafe function; this function is correct for a type that keeps its file descriptor"
 )]
 fn watched(socket: CanFdSocket) -> io::Result<AsyncFd<CanFdSocket>> {
     let interest = Interest::READABLE | Interest::WRITABLE | Interest::ERROR;
@@ -198,8 +198,8 @@ fn set(socket: &CanFdSocket, wanted: &[CanMatch]) -> io::Result<()> {
         .or_else(|_| socket.set_socket_option_int(libc::SOL_SOCKET, libc::SO_RCVBUF, BUFFER))
 }
 
-/// Returns the kernel filter for the frames of a match. The filter rejects frames with the other identifier length (11
-/// or 29 bits). It also rejects remote frames, because they carry no data.
+/// Returns the kernel filter that accepts the frames of one match. The filter rejects frames with the other identifier
+/// length (11 or 29 bits). It also rejects remote frames, because they carry no data.
 fn filter(wanted: &CanMatch) -> CanFilter {
     let length = if wanted.id.is_extended() { libc::CAN_EFF_FLAG } else { 0 };
     CanFilter::new(wanted.id.raw() | length, wanted.mask | libc::CAN_EFF_FLAG | libc::CAN_RTR_FLAG)

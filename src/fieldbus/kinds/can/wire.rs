@@ -98,8 +98,8 @@ impl Wire for CanWire {
         })
     }
 
-    /// Returns [`Ending::Kept`]: the contact with the nodes counts as unbroken. Another task receives the frames, and
-    /// detects lost and restarted nodes.
+    /// Returns [`Ending::Kept`], because the end of a connection does not show that a node was exchanged. Another task
+    /// receives the frames, and detects lost and restarted nodes.
     fn ending(&mut self) -> Ending {
         Ending::Kept
     }
@@ -124,8 +124,8 @@ impl CanWire {
         }
     }
 
-    /// Sends a frame of a transfer, and waits until this frame was sent on the bus. Frames received before that are
-    /// discarded, because they cannot answer it.
+    /// Sends a frame of a transfer, and waits until this frame was sent on the bus. SDO frames received before that are
+    /// discarded, because they cannot be the answer.
     async fn ask(
         &mut self,
         node: NodeId,

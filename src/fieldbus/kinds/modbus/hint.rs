@@ -8,7 +8,8 @@ use crate::fieldbus::error::{Fault, PeerFault};
 use crate::fieldbus::seen::{Advice, Asked, Others, Seen};
 use crate::tls::TlsFault;
 
-/// Advice on a request without an answer in time. This is a macro, because the table of advice extends the text.
+/// Advice on a request without an answer in time. This is a macro, because the table of advice appends to this text at
+/// compile time.
 macro_rules! silent {
     () => {
         "is the unit number right (`isotherm scan` finds it), is the device powered? On a serial line also check baud \
@@ -35,8 +36,8 @@ pub(in crate::fieldbus) enum Sight {
     OnlySeveralUnanswered,
     /// Exception 1 to a write with function 06.
     SingleWriteRefused,
-    /// Exception 1 to a write with function 16. The gateway writes a single register with it only if `functions` of the
-    /// device lack function 06.
+    /// Exception 1 to a write with function 16. The gateway writes a single register with function 16 only if
+    /// `functions` of the device lack function 06.
     MultipleWriteRefused,
     /// Reply with another unit number.
     OtherUnit,
@@ -46,13 +47,13 @@ pub(in crate::fieldbus) enum Sight {
     OtherLength,
     /// Reply to a read, with another function code.
     OtherFunction,
-    /// Modbus ASCII on the line.
+    /// Text of the protocol Modbus ASCII on the line.
     ModbusAscii,
-    /// DCON on the line.
+    /// Text of the protocol DCON on the line.
     Dcon,
     /// Text of an unknown protocol on the line.
     OtherText,
-    /// Request that comes back instead of a reply.
+    /// Request that the gateway receives back instead of a reply (an echo).
     Echoed,
 }
 
@@ -88,8 +89,8 @@ impl Sight {
         const PROTOCOL: &str = "serial.md#another-protocol-on-the-line";
         let (hint, key, chapter) = match self {
             Sight::GapRefused => (
-                "the device has no such register. The request also reads registers between the values: if each can be \
-                 read alone, write `quirks = { max_gap = 0 }`. Otherwise: is the register number \
+                "the device has no such register. The request also reads registers between the values: if each value \
+                 can be read alone, write `quirks = { max_gap = 0 }`. Otherwise: is the register number \
                  in its manual one-based?",
                 Some("max_gap"),
                 QUIRKS,
@@ -109,8 +110,8 @@ impl Sight {
             Sight::SeveralUnanswered => (
                 concat!(
                     silent!(),
-                    ". Other devices do not answer a read of many registers, or one over a gap: write \
-                     `max_registers_per_request` or `max_gap` into the `quirks`"
+                    ". Other devices do not answer a read of many registers, or a read that includes \
+                     unused registers: write `max_registers_per_request` or `max_gap` into the `quirks`"
                 ),
                 Some("max_registers_per_request"),
                 QUIRKS,
@@ -135,8 +136,8 @@ impl Sight {
                 "control.md#the-function-that-writes",
             ),
             Sight::OtherUnit => (
-                "if this is the right device, write the number in the reply as its `unit`. Some servers have one \
-                 number of their own, often 0, 1 or 255",
+                "if this is the right device, write the unit number of the reply into its `unit`. Some servers \
+                 always reply with one unit number, often 0, 1 or 255",
                 Some("unit"),
                 "troubleshooting.md#find-the-units",
             ),
@@ -220,15 +221,15 @@ pub(in crate::fieldbus) const fn inside_tls(fault: TlsFault) -> Option<&'static 
              the file of `tls.ca`"
         }
         TlsFault::UnknownAuthority => {
-            "put the certificate of the authority that signed it into the file of `tls.ca`"
+            "put the certificate of the authority that signed the device's certificate into the file of `tls.ca`"
         }
         TlsFault::BadCertificate => {
             "if the device has signed its certificate itself, put this certificate into the file of `tls.ca`"
         }
         TlsFault::OursExpired => "renew the certificate in `tls.cert`",
         TlsFault::OursMissing | TlsFault::OursRefused => {
-            "does the device know the authority that signed the certificate in `tls.cert`, and the role in \
-             it?"
+            "does the device know the authority that signed the certificate in `tls.cert`, and does it \
+             accept the role in this certificate?"
         }
         TlsFault::NoTls => "the port of the device for Modbus inside TLS is usually 802",
         TlsFault::Silent => "does the device support TLS, and does it accept another client?",

@@ -6,9 +6,9 @@
 //! length, so the length does not show the mistake.
 //!
 //! After a missing answer, the order is in doubt. The Modbus gateway may keep the missing answer, and the answers to
-//! the reads since then. If a good answer has another form than all of these, it belongs to its request. It also shows
-//! that the Modbus gateway keeps nothing. A good answer of one of these forms may be a kept one. Then the Modbus
-//! gateway now keeps the answer to the present request.
+//! the reads since then. If a good answer has another form (function and length) than all of these, it belongs to its
+//! request. It also shows that the Modbus gateway keeps nothing. A good answer of one of these forms may be a kept
+//! answer. In this case the Modbus gateway now keeps the answer to the present request.
 //!
 //! Some reads have an answer that could be confused with a kept answer. Before such a read, the line sends a control
 //! question: another read that the unit has answered before, and whose answer has another form. If the answer to the
@@ -17,11 +17,11 @@
 //! first read, because a kept answer to the control question has another form. If the unit does not answer the control
 //! question, it may be dead. The line then sends the next read of another form without a control question.
 //!
-//! Limits: a Modbus gateway that keeps two or more answers is not always detected. The same applies to one that keeps
-//! an answer although none of this unit was missing. A unit is not protected before it has answered reads of two forms.
-//! It is not protected if it gets only reads of one form, or if each request has its own connection. After a control
-//! question has failed twice in a row, the unit is not protected until it has answered that read as an ordinary read.
-//! Answers to writes are not checked by control questions.
+//! Limits: a Modbus gateway that keeps two or more answers is not always detected. The same applies to a Modbus gateway
+//! that keeps an answer although no answer of this unit was missing. A unit is not protected before it has answered
+//! reads of two forms. It is not protected if it gets only reads of one form, or if each request has its own
+//! connection. After a control question has failed twice in a row, the unit is not protected until it has answered that
+//! read as an ordinary read. Answers to writes are not checked by control questions.
 
 use super::reply_signature::ReplySignature;
 use super::request::ModbusRequest;
@@ -61,7 +61,7 @@ enum AnswerUse {
 }
 
 impl OrderCheck {
-    /// Returns the state of a unit that has got no request yet.
+    /// Returns the state of a unit before its first request.
     pub(in crate::fieldbus) fn unknown() -> OrderCheck {
         OrderCheck { doubt: AnswerUse::Unknown, answered: [None; 2], failed: None, unsure: None, lost: 0 }
     }

@@ -1,5 +1,5 @@
-//! Requests and answers of Modbus as bytes, without the frame of a transport. Only this module uses the Modbus library,
-//! for its decoder.
+//! Encoding of Modbus requests and decoding of answers (the protocol data unit, without the frame of a transport). Only
+//! this module uses the Modbus library, for its decoder.
 //!
 //! The clients of the library are not suitable. Over TCP they number the transactions of every connection from zero,
 //! and discard earlier input without a warning. Over RTU they do not keep the line silent before a request, and wait
@@ -22,7 +22,7 @@ pub(super) const LONGEST: usize = 253;
 /// Bit of the function code that marks an exception.
 pub(super) const EXCEPTION: u8 = 0x80;
 
-/// Appends the bytes of a request to `bytes`. Appends none if it is no Modbus request.
+/// Appends the encoded request to `bytes`.
 pub(super) fn question(request: ModbusRequest<'_>, bytes: &mut Vec<u8>) {
     bytes.extend(head(request));
     if let ModbusRequest::WriteMultiple { values, .. } = request {

@@ -45,7 +45,7 @@ pub(in crate::fieldbus) struct PendingReplies {
     /// Start of the wait during which any late answer of the unit may arrive; `None` if no such wait is necessary.
     anything: Option<Silence>,
     late: Vec<MissingReply>,
-    /// Number of answers in time since the last late one. `longest`: longest answer time among the last `PROOF`
+    /// Number of answers in time since the last late answer. `longest`: longest answer time among the last `PROOF`
     /// answers, and among the `PROOF` before.
     in_time: u32,
     longest: [Duration; 2],
@@ -65,12 +65,12 @@ struct MissingReply {
     asked: Moment,
     missed: Moment,
     since: Silence,
-    /// Whether a repetition of the same request was answered since. The age of a reading then no longer counts from the
+    /// Whether a later repetition of the same request was answered. The age of a reading then no longer counts from the
     /// first request.
     is_answered: bool,
 }
 
-/// Timeout and waiting time for late answers of a line.
+/// Timeout of a line, and the additional time for which the line expects late answers.
 #[derive(Clone, Copy, Debug)]
 pub(in crate::fieldbus) struct Spans {
     /// Longest time until an answer begins.
@@ -80,7 +80,7 @@ pub(in crate::fieldbus) struct Spans {
 }
 
 impl UnitReplies {
-    /// Returns the state of these units, none of which has got a request yet.
+    /// Returns the state of the units with these numbers, before their first request.
     pub(in crate::fieldbus) fn of_units(numbers: impl Iterator<Item = u8>) -> UnitReplies {
         let mut unit_replies = UnitReplies(Vec::new());
         for number in numbers {
@@ -112,7 +112,7 @@ impl UnitReplies {
 }
 
 impl PendingReplies {
-    /// Returns the state of a unit that has got no request yet. Answers to an earlier process of isotherm may still
+    /// Returns the state of a unit before its first request. Answers to an earlier process of isotherm may still
     /// arrive.
     pub(in crate::fieldbus) fn unknown() -> PendingReplies {
         PendingReplies {
@@ -224,7 +224,8 @@ impl PendingReplies {
         self.misses
     }
 
-    /// Returns how long the line must be silent after the unanswered request `late`, before `request` may be sent.
+    /// Returns how long the line must be silent after the request of `late`, which was not answered, before `request`
+    /// may be sent.
     fn span(&self, late: &MissingReply, request: Request<'_>, spans: Spans) -> Duration {
         if late.mark != ReplySignature::of(request) {
             Duration::ZERO

@@ -7,7 +7,8 @@
 use crate::fieldbus::error::Fault;
 use crate::fieldbus::request::{Answer, Request};
 
-/// Number of consecutive requests without an answer that ends the pipeline. So many are unlikely to be chance.
+/// Number of consecutive requests without an answer that ends the pipeline. So many lost answers in a row are unlikely
+/// to be chance.
 const IN_A_ROW: u32 = 3;
 
 /// State of the pipeline of one line: whether the line sends two requests at a time.

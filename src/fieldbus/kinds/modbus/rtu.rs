@@ -67,14 +67,14 @@ pub struct Rtu {
     /// have arrived.
     pending: Vec<(u8, ReplySignature)>,
     late: Vec<u8>,
-    /// Received frames of other masters. Of several frames with the same unit and form (function and length), only one
-    /// is recorded.
+    /// Received frames of other masters. For each unit and form (function and length), only one frame is recorded.
     overheard: Vec<ForeignFrame>,
     ending: Ending,
 }
 
 impl Rtu {
-    /// Returns an RTU line on this port. The times of `serial` apply between its frames, and `tap` receives its bytes.
+    /// Returns an RTU line on this port. The pauses between frames follow from the settings `serial`. `tap` receives
+    /// all bytes of the line.
     pub fn new(port: impl Port + 'static, serial: Option<Serial>, tap: &Tap) -> Rtu {
         Rtu {
             port: Tapped::new(port, tap),

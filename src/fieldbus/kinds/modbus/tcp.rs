@@ -1,14 +1,15 @@
 //! Modbus TCP: frames with a transaction number.
 //!
-//! - Transaction numbers are random. A device that counts transactions by itself, or is ahead by one, would not match
-//!   them.
+//! - Transaction numbers are random. A device that counts transactions by itself, or is ahead by one, sends numbers
+//!   that do not match.
 //! - A late answer has the transaction number of a request of this connection that was given up after its timeout. The
 //!   wire discards it and keeps the connection, see `given_up`.
 //! - All other bytes that answer no open request close the connection, and so do bytes after an answer. Input from
 //!   before a request is recognized by its transaction number. Before a write, and while a late answer is expected, the
 //!   wire checks for such input. If it finds any, it does not send the request. Immediately after an answer, a write
 //!   skips this check, because nothing else had arrived with the answer. It does not skip it after the first answer of
-//!   a connection: some servers close each connection after one answer. The outcome of the write would then be unknown.
+//!   a connection: some servers close each connection after one answer. If the server closed the connection, the
+//!   outcome of the write would be unknown.
 //! - A read may be sent in the same TCP segment after another request, with its own transaction number.
 
 use std::collections::hash_map::RandomState;
@@ -42,7 +43,7 @@ const LONGEST: usize = HEADER + 1 + pdu::LONGEST;
 /// answer. Another check would make a loop on one computer about one percent slower.
 const AT_ONCE: Duration = Duration::from_millis(1);
 
-/// Open Modbus TCP connection.
+/// Open Modbus TCP connection, with its unanswered and its given up requests.
 pub struct ModbusTcp {
     port: Tapped,
     /// State of the random number generator for transaction numbers.
@@ -61,7 +62,7 @@ pub struct ModbusTcp {
     form: Option<ReplySignature>,
     /// Whether a request was answered on this connection.
     has_answered: bool,
-    /// Time at which the last answer arrived. `Moment::default()` if no answer, or only the first one of the
+    /// Time at which the last answer arrived. `Moment::default()` if no answer, or only the first answer of the
     /// connection, has arrived.
     answered: Moment,
     ending: Ending,
@@ -176,7 +177,7 @@ impl ModbusTcp {
     /// Discards the complete late answers at the beginning of the receive buffer.
     ///
     /// # Errors
-    /// The next frame is no late answer.
+    /// The next frame is not a late answer.
     fn discard_late_frames(&mut self, received: Option<Moment>) -> Result<(), Fault> {
         while let Some(first) = self.first()? {
             if !self.given_up.expects(&first) {
@@ -324,7 +325,7 @@ impl First {
     }
 
     /// Returns the fault of a frame that answers no open request. `transaction` is the number of the present request. A
-    /// server repeats it even if the answer has another unit number.
+    /// server repeats this number even if its answer has another unit number.
     fn answers_nothing(&self, transaction: u16) -> PeerFault {
         match self.unit {
             Some(unit) if self.transaction == transaction => PeerFault::Unit(unit),

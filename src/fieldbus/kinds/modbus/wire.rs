@@ -15,7 +15,7 @@ use isotherm_core::quantity::Moment;
 pub struct ForeignFrame {
     /// Unit that the frame addresses, or that sent it.
     pub unit: u8,
-    /// Form (function and length) of the answer; `None` if the frame is not of a read.
+    /// Form (function and length) of the answer; `None` if the frame belongs to no read.
     pub form: Option<ReplySignature>,
     /// Whether the frame is a request.
     pub is_question: bool,
@@ -43,8 +43,8 @@ pub trait ModbusWire: Wire {
         true
     }
 
-    /// Returns whether the gateway received its own last request, and nothing else before the timeout. An adapter or a
-    /// serial server without echo suppression returns each request.
+    /// Returns whether the last request came back as an echo, and nothing else arrived before the timeout. An adapter
+    /// or a serial server without echo suppression returns each request.
     fn has_come_back(&self) -> bool {
         false
     }
@@ -120,13 +120,13 @@ pub trait ModbusWire: Wire {
     }
 
     /// Returns the read that was set by [`ModbusWire::set_follow_up`], if it was sent and is unanswered: its unit, the
-    /// read, and its time of sending. The next request for the same read takes it over.
+    /// read, and its time of sending. The next request for the same read receives the answer to it.
     fn unanswered_behind(&self) -> Option<(u8, Request<'static>, Moment)> {
         None
     }
 
     /// Returns the form (function and length) of the answer to the last request, even if the answer is invalid. `None`
-    /// if this is no answer to a read, or if the wire does not record the form.
+    /// if the last message was not an answer to a read, or if the wire does not record the form.
     fn received_form(&self) -> Option<ReplySignature> {
         None
     }

@@ -1,5 +1,5 @@
-//! Check of the OPC UA lines and of the OPC UA server of a profile: whether this program supports them, and whether
-//! their files are usable.
+//! Check of the OPC UA lines and of the OPC UA server of a profile: whether this program was built with OPC UA, and
+//! whether the files that they name are usable.
 
 use isotherm_profile::{Errors, OpcUaServer, Profile, ProfileError};
 

@@ -18,7 +18,8 @@
 //! - The index of a namespace that the profile names by its URI is read each time a connection is opened. The URI of a
 //!   namespace that the profile names by index is stored ([`super::namespaces`]). If the server does not have the
 //!   namespace of a node, the gateway does not request the node, and treats it as missing.
-//! - The library discards an answer with an unknown request number, so such an answer is never taken for another one.
+//! - The library discards an answer with an unknown request number, so such an answer is never mistaken for the answer
+//!   to another request.
 //!
 //! [`DeviceLine`]: crate::fieldbus::line::DeviceLine
 
@@ -83,11 +84,12 @@ pub(super) struct OpcUaDial {
     address: String,
     security: Security,
     timeout: Duration,
-    /// Certificates, keys and user that the profile names; `None` if one is unusable, as [`wrong`] reports.
+    /// Certificates, keys and user that the profile names; `None` if one of the files is unusable, as [`wrong`]
+    /// reports.
     files: Option<Files>,
     /// Channel, endpoint and session of the last connection. The next connection resumes this session.
     known: Option<ServerState>,
-    /// Numbers of nodes in one call that the server has not refused.
+    /// Maximum number of nodes in one call of each service, as learned from refusals of the server.
     sizes: CallSizes,
     /// Whether the server no longer had the session of the previous connection when the present one was opened.
     is_forgotten: bool,
@@ -204,7 +206,7 @@ impl OpcUaDial {
         Ok((link, ServerState { channel, endpoint, session }))
     }
 
-    /// Returns the certificate that the gateway sends, with its key; `None` if the line is without security.
+    /// Returns the certificate that the gateway sends, with its key; `None` if the line uses no security.
     fn shown<'f>(&self, files: &'f Files) -> Option<&'f (X509, PrivateKey)> {
         files.own.as_ref().filter(|_| self.security != Security::None)
     }

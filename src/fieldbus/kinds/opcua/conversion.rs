@@ -3,7 +3,7 @@
 use ::opcua::types::{ByteString, Guid, NodeId, Variant, VariantScalarTypeId};
 use isotherm_core::codec::{DataType, Identifier, Scalar};
 
-/// Returns the number in a value of OPC UA; `None` if it is no number.
+/// Returns the number in a value of OPC UA; `None` if the value is not a number.
 pub fn scalar(value: &Variant) -> Option<Scalar> {
     let (data_type, bits) = match value {
         Variant::Boolean(value) => (DataType::Bool, u64::from(*value)),
@@ -22,7 +22,7 @@ pub fn scalar(value: &Variant) -> Option<Scalar> {
     Some(Scalar { data_type, bits })
 }
 
-/// Returns the type of a number; `None` for other types.
+/// Returns the profile's type for an OPC UA type of number; `None` for other types.
 pub fn number_type(kind: VariantScalarTypeId) -> Option<DataType> {
     Some(match kind {
         VariantScalarTypeId::Boolean => DataType::Bool,

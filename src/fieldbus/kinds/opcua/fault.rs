@@ -2,8 +2,8 @@
 
 use isotherm_core::reading::Status;
 
-/// Reason why there is no session with an OPC UA server. `Display` is the cause, without the remedy. `isotherm check`
-/// names the file of the profile that is unusable.
+/// Reason why there is no session with an OPC UA server. The text of `Display` is the cause, without the remedy.
+/// `isotherm check` names the file of the profile that is unusable.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, thiserror::Error)]
 pub enum OpcUaFault {
     /// This program was built without OPC UA.
@@ -42,8 +42,8 @@ pub enum OpcUaFault {
     /// The server cannot prove that it has the private key of its certificate.
     #[error("the server does not prove that it has the key of its certificate")]
     NotProven,
-    /// The signed list of endpoints has a stronger endpoint than the unprotected list, which was received earlier. An
-    /// attacker may have changed the unprotected list.
+    /// The signed list of endpoints has a stronger endpoint than the unprotected list, which the gateway received
+    /// before the login. An attacker may have changed the unprotected list.
     #[error("the server offers stronger security after the login than before it")]
     Weakened,
     /// The gateway's certificate has expired.

@@ -1,4 +1,4 @@
-//! Lines of text from the bytes of a port. No input, output or time.
+//! Division of the bytes of a port into lines of text. The module has no input, no output and no clock.
 //!
 //! A line ends with a carriage return or a line feed. Empty lines are skipped. A line whose beginning was not received
 //! is never returned, because a number without its first digits is another number.
@@ -61,7 +61,7 @@ impl LineBuffer {
         self.length > 0
     }
 
-    /// Discards everything that has arrived. Returns the number of complete lines among it.
+    /// Discards everything that has arrived. Returns the number of complete lines that were discarded.
     pub fn discard(&mut self) -> usize {
         if self.is_inside() {
             self.beginning = Beginning::Missed;

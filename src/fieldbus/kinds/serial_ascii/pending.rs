@@ -1,9 +1,9 @@
-//! Requests whose answers may still arrive. Time is an argument.
+//! Requests whose answers may still arrive. The time is an argument of the functions, so the module needs no clock.
 //!
 //! A text does not show which request it answers. If an answer is late, the next request with the same text may receive
 //! it. Answers arrive in the order of their requests, so the age of a value counts from the oldest open request. A
 //! request with another text waits until no answer can arrive any more. The first request on a new connection waits in
-//! the same way. The beginning of an answer may have arrived on the old connection, and the rest would be another
+//! the same way. The beginning of an answer may have arrived on the old connection, and its rest alone would be another
 //! number. After the start of the program, an answer to its last run may arrive.
 
 use std::collections::VecDeque;
@@ -29,7 +29,8 @@ impl PendingAnswers {
     }
 
     /// Returns how much longer answers may arrive. An answer can arrive until `span` after its request. For answers to
-    /// an earlier run of the program, half of `span` is enough, because its start has taken the rest.
+    /// an earlier run of the program, half of `span` is enough, because the start of the program has taken at least the
+    /// other half.
     pub fn wait_for_all(&mut self, now: Moment, span: Duration) -> Duration {
         self.asked.retain(|asked| now.since(*asked) < span);
         let least = if self.has_begun { Duration::ZERO } else { span / 2 };

@@ -21,7 +21,7 @@ use isotherm_profile::{Bus, counted};
 const LISTEN: Duration = Duration::from_secs(2);
 /// Maximum number of lines of text that the scan shows.
 const MOST_LINES: usize = 4;
-/// Time within which a device answers, if the user chooses no other.
+/// Time within which a device must answer, if the user has chosen no timeout.
 const ANSWER: Duration = Duration::from_millis(200);
 /// Usual requests of readouts and gauges: Ctrl-B (HEIDENHAIN), `?` (Sylvac), `1` and `GA00` (Mitutoyo), `Q` (GIVI).
 const REQUESTS: [&str; 5] = ["\u{2}", "?\r", "1\r", "GA00\r\n", "Q\r\n"];
@@ -84,8 +84,9 @@ async fn lines(port: &mut TextPort, (most, span): (usize, Duration)) -> Result<V
     Ok(found)
 }
 
-/// Sends usual requests until an answer contains a value. Returns the answers, with the further lines of the last one.
-/// Without a value, also returns the DCON modules: another device may answer a request with an error text.
+/// Sends usual requests until an answer contains a value. Returns the answers. The last answer includes its further
+/// lines. If no answer contains a value, also searches for DCON modules, and returns them: an answer may be an error
+/// text.
 async fn answers(port: &mut TextPort, span: Duration) -> Result<Vec<Found>, Fault> {
     let mut found = Vec::new();
     for request in REQUESTS {
@@ -115,7 +116,8 @@ async fn answers(port: &mut TextPort, span: Duration) -> Result<Vec<Found>, Faul
     Ok(found)
 }
 
-/// Returns the name of the DCON module with this address. A module with a checksum ignores requests without one.
+/// Returns the name of the DCON module with this address. A module whose checksum is switched on ignores requests
+/// without a checksum.
 async fn name_of_module(
     port: &mut TextPort,
     (address, has_sum): (u8, bool),
@@ -150,7 +152,7 @@ async fn answer(port: &mut TextPort, request: &str, span: Duration) -> Result<Op
 }
 
 /// Describes the results of the scan, also as lines of a profile. `is_endless`: characters have arrived, but no end of
-/// a line.
+/// a text line.
 fn described(address: &str, found: &[Found], is_endless: bool) -> ScanReport {
     let mut text = String::new();
     let lines: Vec<String> = found.iter().map(Found::to_line).collect();

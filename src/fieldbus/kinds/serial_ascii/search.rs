@@ -1,4 +1,4 @@
-//! Values in the lines of one answer. No input, output or time.
+//! Search for values in the text lines of one answer. The module has no input, no output and no clock.
 
 use crate::fieldbus::error::{Fault, PeerFault};
 use isotherm_core::codec::TextValue;
@@ -7,9 +7,11 @@ use isotherm_core::reading::Reason;
 /// Search for the values in the lines of text that answer a request.
 pub(super) struct Search<'a> {
     texts: &'a [TextValue],
-    /// For each value: the last number in a line that matches its pattern, or its fault. `None` without such a line.
+    /// For each value: the last number in a line that matches its pattern, or its fault. `None` if no such line has
+    /// arrived.
     found: Vec<Option<Result<f64, Reason>>>,
-    /// Request without its end, as an adapter without echo suppression returns it. Empty without a request.
+    /// Request without its end, as an adapter without echo suppression returns it. Empty if the device sends without a
+    /// request.
     echo: &'a str,
     echoes: usize,
     /// Number of received lines that match no pattern.

@@ -40,14 +40,14 @@ const BACKLOG: usize = 2048;
 /// Time in which the rest of old text arrives from the buffers of the system or of a serial server.
 const CATCH_UP: Duration = Duration::from_millis(50);
 
-/// State of a connection, which shows whether text may still arrive that answers no present request.
+/// State of a connection, which decides whether old text may still arrive.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum LineState {
     /// The connection is new: a device may be sending, and old text may arrive.
     New,
     /// Old text was discarded. A device may be sending.
     CaughtUp,
-    /// The line was silent before a request.
+    /// The line was silent before a request, so no old text can arrive.
     Silent,
 }
 
@@ -128,8 +128,8 @@ impl TextWire {
         Ok(())
     }
 
-    /// Waits until this request may be sent. No answer to another text or on an earlier connection must be expected any
-    /// more, and the line must be silent.
+    /// Waits until this request may be sent: the line must be silent. Answers to a request with another text, or to a
+    /// request on an earlier connection, must no longer be expected.
     async fn make_ready(&mut self, text: &str, now: Moment) -> Result<(), Fault> {
         let discarded = self.port.discard().await?;
         let (span, is_new) = (2 * self.timeout + self.under_way(text), self.state != LineState::Silent);

@@ -7,7 +7,8 @@ use std::path::{Path, PathBuf};
 use isotherm_core::codec::{Channel, PcSensor};
 use isotherm_core::reading::Reason;
 
-/// Maximum number of entries that are read in a directory. No computer has so many chips, and no chip so many files.
+/// Maximum number of entries that are read in a directory. No computer has that many chips, and no chip has that many
+/// files.
 const MOST_CHIPS: usize = 1000;
 
 /// Files of one sensor.

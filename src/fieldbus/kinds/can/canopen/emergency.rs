@@ -13,9 +13,9 @@ pub const SERVICE: u16 = 0x080;
 pub struct Emergency {
     /// Error code; 0x00xx: the error is over.
     pub code: u16,
-    /// Kinds of errors that are present in the device (object 1001h).
+    /// Kinds of errors that the device has at present (object 1001h).
     pub register: ErrorRegister,
-    /// Five bytes that the manufacturer defines; bytes that were not sent are zero.
+    /// Five bytes that the manufacturer defines; bytes that the node did not send are zero.
     pub detail: [u8; 5],
 }
 

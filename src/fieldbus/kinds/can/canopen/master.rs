@@ -44,16 +44,16 @@ pub enum Start {
 pub enum Output {
     /// Frame to send on the bus.
     Send(Frame),
-    /// Event of this node, to be reported to the user.
+    /// Event of this node, which the caller reports to the user.
     Tell(NodeId, NodeEvent),
 }
 
 /// Event of a node.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum NodeEvent {
-    /// The node has booted. Its settings are those after power-on.
+    /// The node has booted. Its objects now have the values that they have after power-on.
     BootedUp {
-        /// Whether the node was detected before. If so, the boot-up is a reset.
+        /// Whether the master has received a heartbeat or boot-up of the node before. If so, the node was reset.
         again: bool,
     },
     /// The node was operational, and returned to pre-operational by itself.
@@ -62,7 +62,7 @@ pub enum NodeEvent {
     Stopped,
     /// No heartbeat arrived within the timeout.
     Lost {
-        /// Whether no heartbeat has arrived since the start.
+        /// Whether no heartbeat has arrived since the master began to listen.
         never_seen: bool,
         /// Length of the timeout that has expired.
         after: Duration,

@@ -1,10 +1,11 @@
 //! SDO client: reads or writes one entry of a node's object dictionary, frame by frame.
 //!
 //! The caller sends the returned frames, passes in the frames with the identifier [`Client::answers`], and reports a
-//! timeout. SDO transfers differ only in index and sub-index, and segments contain neither. The client therefore
-//! ignores a frame that cannot be the expected answer. After a transfer that ended without its last answer, the client
-//! first reads an entry that every node has. A node answers in order. When the answer to that read arrives, no answer
-//! to an older transfer can follow. None can then be taken for the answer to the next transfer.
+//! timeout. Only index and sub-index distinguish the frames of two SDO transfers, and a segment does not contain them.
+//! The client therefore ignores a frame that cannot be the expected answer. After a transfer that ended without its
+//! last answer, the client first reads an entry that every node has. A node answers in order. When the answer to that
+//! read arrives, no answer to an older transfer can follow. No old answer can then be mistaken for the answer to the
+//! next transfer.
 //!
 //! ```text
 //! read    40 index sub ─► ◄─ 43 index sub data                                     at most 4 bytes: expedited
@@ -28,12 +29,12 @@ pub fn identifiers(node: NodeId) -> [CanId; 2] {
     [node.identifier(REQUEST), node.identifier(ANSWER)]
 }
 
-/// Maximum number of bytes of an entry that the client reads. All values and names of CANopen devices are shorter.
+/// Maximum length in bytes of an entry that the client reads. All values and names of CANopen devices are shorter.
 pub const LONGEST: usize = 4096;
 
-/// Entries that the client reads after a transfer without its last answer: one entry per such transfer, in rotation.
-/// CiA 301 requires them in every node. One entry alone is not enough: a late answer to its first read would be
-/// mistaken for the answer to its second read.
+/// Entries that the client reads after a transfer whose last answer is missing: one entry per such transfer, in
+/// rotation. CiA 301 requires them in every node. One entry alone is not enough: a late answer to its first read would
+/// be mistaken for the answer to its second read.
 const SETTLERS: [Entry; 4] =
     [Entry::new(0x1000, 0), Entry::new(0x1001, 0), Entry::new(0x1018, 0), Entry::new(0x1018, 1)];
 
@@ -274,7 +275,7 @@ impl Client {
 
 impl Data {
     /// Returns the received bytes, the lowest first. If the node did not report the length, the result has four bytes,
-    /// and the higher ones may have no meaning.
+    /// and the higher bytes may have no meaning.
     pub fn bytes(&self) -> &[u8] {
         &self.bytes
     }
@@ -290,8 +291,8 @@ impl Data {
     }
 }
 
-/// Returns the frame with the segment of the written data that begins at the index `from`, and the index of the next
-/// segment.
+/// Returns the frame with the segment that begins at index `from` of `data`, and the index at which the next segment
+/// begins.
 fn segment(data: &[u8], from: usize, toggle: bool) -> ([u8; 8], usize) {
     let until = data.len().min(from + 7);
     let part = &data[from..until];

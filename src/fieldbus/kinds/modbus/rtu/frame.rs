@@ -128,7 +128,7 @@ pub(super) fn all(bytes: &[u8]) -> impl Iterator<Item = (u8, std::ops::Range<usi
 pub(super) struct Frame {
     pub(super) unit: u8,
     pub(super) pdu: std::ops::Range<usize>,
-    /// Whether the frame is a read request, so that a master sent it.
+    /// Whether the frame is a read request of a master. Otherwise it is an answer.
     pub(super) is_question: bool,
 }
 

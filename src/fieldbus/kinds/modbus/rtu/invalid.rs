@@ -10,8 +10,8 @@ const DAMAGED: usize = 3;
 /// Maximum number of surplus bytes after a Modbus exception.
 const SURPLUS: usize = 2;
 
-/// Returns the fault of input that contains no answer. Returns `None` for input that may be noise. After removal of
-/// echoes, such input is shorter than the answer, and is neither text nor an exception.
+/// Returns the fault of input that contains no answer. Returns `None` for input that may be noise. Input counts as
+/// noise if it is shorter than the answer, after removal of echoes, and contains no text and no exception.
 ///
 /// `question` is the frame of the request, `before` that of the request before it, and `answer` the length of the
 /// answer.

@@ -2,14 +2,14 @@
 //!
 //! Transaction numbers are random, and a given up number is not used again while its answer is expected. Therefore, a
 //! frame with the number and unit of a given up request is the late answer to it. The server must return transaction
-//! numbers correctly. A second answer with the same number is no late answer.
+//! numbers correctly. A second answer with the same number does not count as a late answer.
 
 use super::First;
 use crate::fieldbus::kinds::modbus::wire::LateReply;
 use isotherm_core::quantity::Moment;
 
-/// Maximum number of given up requests of a connection. A later request replaces the oldest one. The answer to the
-/// oldest one then closes the connection.
+/// Maximum number of given up requests of a connection. A further request replaces the oldest request in the list. If
+/// the answer to the replaced request arrives, the connection is closed.
 const MOST: usize = 16;
 
 /// Request that was sent.
@@ -28,7 +28,7 @@ pub(super) struct GivenUp {
 }
 
 impl GivenUp {
-    /// Adds a request to the given up ones; `None` changes nothing.
+    /// Adds a request to the list of given up requests; `None` changes nothing.
     pub(super) fn extend(&mut self, request: Option<SentRequest>) {
         if request.is_some() && self.requests.len() == MOST {
             self.requests.remove(0);

@@ -35,7 +35,7 @@ const CLASSES: u32 = 1 | 2;
 const FIELDS: u32 = 63;
 const VARIABLE: i32 = 2;
 const SCALAR: i32 = -1;
-/// Bits of the attribute UserAccessLevel.
+/// Bit of the attribute UserAccessLevel that permits the user to read the value. `MAY_WRITE` permits to write it.
 const MAY_READ: u8 = 1;
 const MAY_WRITE: u8 = 2;
 /// Maximum number of characters of a displayed text; the rest is cut off.
@@ -81,7 +81,7 @@ pub struct Described {
 pub struct Value {
     /// Name of the type in OPC UA, for example `Double`; empty if the type is unknown.
     pub kind: String,
-    /// Name of the type in a profile; `None` if the value is no number.
+    /// Type of the number, as a profile names it; `None` if the value is not a number.
     #[serde(rename = "type", serialize_with = "in_a_word")]
     pub data_type: Option<DataType>,
     /// Whether the variable is an array.
@@ -217,7 +217,7 @@ impl Browser {
         Ok(each.collect())
     }
 
-    /// Closes the session, so that the server can give it to another client.
+    /// Closes the session, so that another client can use a session of the server.
     pub async fn close(mut self) {
         self.session.close(&mut self.link).await;
         self.link.close().await;
@@ -261,7 +261,7 @@ impl Browser {
         }
     }
 
-    /// Releases a continuation point, which the server would otherwise keep for an unfinished browse.
+    /// Releases a continuation point, with which the server would otherwise keep the state of an unfinished browse.
     async fn release(&mut self, point: ByteString) -> Result<(), Fault> {
         if point.is_null_or_empty() {
             return Ok(());
@@ -291,7 +291,7 @@ impl Browser {
         Ok(nodes)
     }
 
-    /// Reads attributes, in as many calls as the server requires.
+    /// Reads these attributes, in several calls if the server does not accept them in one call.
     async fn read(&mut self, asked: Vec<ReadValueId>) -> Result<Vec<DataValue>, Fault> {
         let mut found = Vec::with_capacity(asked.len());
         while let Some(rest) = asked.get(found.len()..).filter(|rest| !rest.is_empty()) {

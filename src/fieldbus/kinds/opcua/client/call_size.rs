@@ -13,7 +13,7 @@ use ::opcua::types::{Error, StatusCode};
 pub(super) enum Service {
     /// Read of values or attributes.
     Read,
-    /// Creation of monitored items, which a subscription consists of.
+    /// Creation of the monitored items (nodes) of a subscription.
     Monitor,
     /// Notifications in one message of a subscription.
     Publish,
@@ -22,14 +22,14 @@ pub(super) enum Service {
 /// Refusal of a call because the call is too large for the server.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum SizeRefusal {
-    /// The server has refused the call with this status, or the library before sending. The connection can still be
-    /// used.
+    /// The server has refused the call with this status, or the library has refused to send it. The connection can
+    /// still be used.
     Answered(StatusCode),
     /// The server has closed the connection.
     Closed,
 }
 
-/// Returns how the call was refused because of its size; `None` if the error has another cause.
+/// Returns the kind of refusal, if the call was refused because of its size; `None` if the error has another cause.
 pub(super) fn size_refusal(error: &Error) -> Option<SizeRefusal> {
     match error.status() {
         status @ (StatusCode::BadTooManyOperations

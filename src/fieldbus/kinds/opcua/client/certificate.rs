@@ -1,4 +1,4 @@
-//! Certificates: their content, for a comparison by the user, and creation of a certificate for the gateway.
+//! Content of OPC UA certificates, for a comparison by the user, and creation of a certificate for the gateway.
 
 use std::fmt::Write;
 use std::time::Duration;
@@ -32,7 +32,7 @@ use super::files::{application, certificate};
 /// Key length in bits. Every supported security policy accepts it, and even the computer of a small control can process
 /// it.
 const KEY_BITS: usize = 2048;
-/// Time by which a new certificate is valid before its creation, because the clock of a control may be slow.
+/// Time before its creation from which a new certificate is valid. The clock of a control may be slow.
 const EARLIER: Duration = Duration::from_hours(24);
 /// Object identifier of the extended key usage "TLS client authentication", which OPC UA requires of a client.
 const OF_A_CLIENT: ObjectIdentifier = ObjectIdentifier::new_unwrap("1.3.6.1.5.5.7.3.2");
@@ -56,7 +56,7 @@ const SHA256_DIGITS: usize = 64;
 pub struct Certificate {
     /// Subject of the certificate, as text.
     pub subject: String,
-    /// URI of the OPC UA application in the certificate; `None` if it names none.
+    /// URI of the OPC UA application in the certificate; `None` if the certificate has no such URI.
     pub application: Option<String>,
     /// SHA-1 digest of the certificate, which servers and OPC UA browsers display.
     pub thumbprint: String,
@@ -68,7 +68,7 @@ pub struct Certificate {
     /// End of the validity.
     #[serde(serialize_with = "in_text")]
     pub to: Moment,
-    /// Length of the RSA key in bits; `None` if the key is no RSA key.
+    /// Length of the RSA key in bits; `None` if the key is not an RSA key.
     pub key_bits: Option<usize>,
     /// Name of the digest of the signature if this digest is broken, for example `SHA-1`; otherwise `None`.
     pub broken_digest: Option<&'static str>,
@@ -135,7 +135,7 @@ impl Certificate {
         text
     }
 
-    /// Returns whether the key is shorter than the policies without SHA-1 allow.
+    /// Returns whether the key is too short for the security policies without SHA-1.
     pub fn has_short_key(&self) -> bool {
         self.key_bits.is_some_and(|bits| bits < SAFE_BITS)
     }
@@ -166,7 +166,7 @@ impl Certificate {
     /// Returns whether `text` is the thumbprint of the certificate, SHA-1 or SHA-256, in any usual notation.
     ///
     /// # Errors
-    /// A sentence for the user, if the text is no thumbprint.
+    /// A sentence for the user, if the text is not a thumbprint.
     pub fn has_thumbprint(&self, text: &str) -> Result<bool, String> {
         let text = text.trim();
         let digits = text.strip_prefix("0x").unwrap_or(text);
@@ -178,7 +178,7 @@ impl Certificate {
         };
         if known.is_empty() || !digits.chars().all(|c| c.is_ascii_hexdigit()) {
             return Err(format!(
-                "`{text}` is no thumbprint: a thumbprint has {SHA1_DIGITS} hexadecimal digits (SHA-1), or \
+                "`{text}` is not a thumbprint: a thumbprint has {SHA1_DIGITS} hexadecimal digits (SHA-1), or \
                  {SHA256_DIGITS} (SHA-256)"
             ));
         }
@@ -204,11 +204,13 @@ pub fn make(
     now: Moment,
     lasts: Duration,
 ) -> Result<NewCertificate, String> {
-    let key =
-        RsaPrivateKey::new(&mut OsRng, KEY_BITS).map_err(|why| format!("no key could be made: {why}"))?;
+    let key = RsaPrivateKey::new(&mut OsRng, KEY_BITS)
+        .map_err(|why| format!("the private key could not be created: {why}"))?;
     let cert = signed(&key, subject, application, host, [now.before(EARLIER), now.after(lasts)]);
-    let cert = cert.map_err(|why| format!("no certificate could be made: {why}"))?;
-    let key = key.to_pkcs8_pem(LineEnding::LF).map_err(|why| format!("no key could be written: {why}"))?;
+    let cert = cert.map_err(|why| format!("the certificate could not be created: {why}"))?;
+    let key = key
+        .to_pkcs8_pem(LineEnding::LF)
+        .map_err(|why| format!("the private key could not be encoded: {why}"))?;
     Ok(NewCertificate { cert, key: key.to_string() })
 }
 

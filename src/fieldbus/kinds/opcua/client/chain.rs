@@ -1,7 +1,8 @@
 //! Certificate of a server with its chain: the certificates of its authorities follow its own (OPC UA Part 6, 6.2.6).
 //!
-//! The library parses a certificate only without a chain. The gateway therefore gives it the server's own certificate,
-//! and opens the answer that contains the chain itself ([`ChainOpener`]).
+//! The library parses a certificate only without a chain. The gateway therefore passes only the server's own
+//! certificate to the library. The gateway, not the library, decrypts an answer that contains the chain
+//! ([`ChainOpener`]).
 
 use std::borrow::Cow;
 
@@ -42,9 +43,9 @@ pub(super) fn without_chain(endpoint: EndpointDescription) -> EndpointDescriptio
 /// The keys of the channel are derived from a random number that the gateway has encrypted for the server. Therefore,
 /// no other program can use the channel.
 ///
-/// The library itself would accept such an answer without security, or with any certificate. It would also accept one
-/// in place of any other message, for example with the values of a read. The opener therefore rejects all answers that
-/// are not from this server.
+/// The library itself would accept such an answer without security, or with any certificate. It would also accept such
+/// an answer in place of any other message, for example with the values of a read. The opener therefore rejects all
+/// answers that are not from this server.
 pub(super) struct ChainOpener {
     own: (X509, PrivateKey),
     server: Vec<u8>,
@@ -52,8 +53,8 @@ pub(super) struct ChainOpener {
 }
 
 impl ChainOpener {
-    /// Returns an opener for a channel with this policy, between this certificate of the gateway and this one of the
-    /// server.
+    /// Returns an opener for a channel with this policy, between the gateway with the certificate and key `own`, and
+    /// the server with the certificate `server`.
     pub(super) fn new(own: &(X509, PrivateKey), server: &[u8], policy: SecurityPolicy) -> ChainOpener {
         ChainOpener { own: own.clone(), server: server.to_vec(), policy }
     }

@@ -34,7 +34,7 @@ pub(super) enum Reply {
     Error(StatusCode),
     /// The data that arrived is not OPC UA.
     Foreign,
-    /// The answer that should open a secured channel is not signed with the trusted certificate.
+    /// The answer to the opening of a secured channel is not signed with the trusted certificate.
     NotSigned,
 }
 
@@ -46,7 +46,7 @@ pub(super) struct Peer {
 }
 
 impl Peer {
-    /// Returns the other end of a connection on which nothing has arrived. `opener` is for secured channels.
+    /// Returns the state before any input has arrived. `opener` opens the secured answers; `None` without security.
     pub(super) fn new(opener: Option<ChainOpener>) -> Peer {
         Peer { reply: Mutex::default(), opener }
     }
@@ -71,7 +71,10 @@ impl Peer {
                 if let Some(opener) = &self.opener {
                     return opener.open(chunk).ok_or_else(|| {
                         self.replies(Reply::NotSigned);
-                        Error::new(ErrorKind::InvalidData, "an answer is not signed by the server")
+                        Error::new(
+                            ErrorKind::InvalidData,
+                            "an answer does not have the signature of the server",
+                        )
                     });
                 }
             }

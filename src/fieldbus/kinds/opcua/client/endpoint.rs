@@ -30,8 +30,8 @@ pub(super) fn choose(
 }
 
 /// Returns the rank of the strongest login method for this user at the endpoint (0 is the strongest), and the method.
-/// If the method names no security policy, it gets that of the endpoint (OPC UA Part 4, UserTokenPolicy). The library
-/// would use no security.
+/// If the method names no security policy, the policy of the endpoint applies (OPC UA Part 4, UserTokenPolicy). The
+/// library would use no security in this case.
 fn token(endpoint: &EndpointDescription, user: &IdentityToken) -> Option<(usize, UserTokenPolicy)> {
     let kind = user_kind(user);
     let offered = endpoint.user_identity_tokens.iter().flatten().filter(|token| token.token_type == kind);

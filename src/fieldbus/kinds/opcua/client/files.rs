@@ -57,7 +57,7 @@ impl Files {
                     Some(IdentityToken::new_user_name(name.as_str(), text.trim_end_matches(['\r', '\n'])))
                 }
                 Err(_) => {
-                    wrong.push(password.invalid("the file is no text in UTF-8"));
+                    wrong.push(password.invalid("the file is not text in UTF-8"));
                     None
                 }
             },
@@ -69,7 +69,7 @@ impl Files {
         for file in &line.trusted {
             match certificate(&file.bytes).and_then(|cert| cert.to_der().ok()) {
                 Some(der) => trusted.push(der),
-                None => wrong.push(file.invalid("the file is no certificate in DER or PEM form")),
+                None => wrong.push(file.invalid("the file is not a certificate in DER or PEM form")),
             }
         }
         match user {
@@ -115,11 +115,11 @@ pub(super) fn pair(
 ) -> Option<(X509, PrivateKey)> {
     let parsed = certificate(&cert.bytes);
     if parsed.is_none() {
-        wrong.push(cert.invalid("the file is no certificate in DER or PEM form"));
+        wrong.push(cert.invalid("the file is not a certificate in DER or PEM form"));
     }
     let secret = PrivateKey::from_pem(&key.bytes).ok();
     if secret.is_none() {
-        wrong.push(key.invalid("the file is no RSA key in PEM form without a password"));
+        wrong.push(key.invalid("the file is not an RSA key in PEM form without a password"));
     }
     let (parsed, secret) = (parsed?, secret?);
     let of_cert = Certificate::from_der(&parsed.to_der().ok()?).ok()?.tbs_certificate.subject_public_key_info;

@@ -20,8 +20,8 @@ pub(super) struct Namespaces {
 }
 
 impl Namespaces {
-    /// Reads the NamespaceArray of the server. If `array` is no list of texts, no URI is known. The gateway then finds
-    /// only nodes whose namespace the profile names by an index, if no URI is stored for that index.
+    /// Reads the NamespaceArray of the server. If `array` is not a list of texts, no URI is known. The gateway then
+    /// finds a node only if the profile names its namespace by an index for which no URI is stored.
     pub(super) fn of(array: Option<&Variant>, table: &NamespaceTable) -> Namespaces {
         let uri = |value: &Variant| match value {
             Variant::String(uri) => uri.as_ref().to_owned(),

@@ -86,7 +86,8 @@ impl Publishing {
         }
     }
 
-    /// Processes an answer, or its error. Returns whether the server has more values to send at once.
+    /// Processes the answer to a Publish request, or its error. Returns whether the server has more values to send at
+    /// once.
     fn receive(
         &mut self,
         answered: Result<PublishResponse, Error>,
@@ -132,8 +133,8 @@ impl Publishing {
         }
     }
 
-    /// Returns whether a message was too large for the server and the next subscription can have smaller ones. If so,
-    /// records the smaller size.
+    /// Returns whether a message was too large for the server and the next subscription can have smaller messages. If
+    /// so, records the smaller size.
     fn has_smaller_messages(&self, session: &Session, error: &Error) -> bool {
         if !matches!(size_refusal(error), Some(SizeRefusal::Answered(_))) {
             return false;
@@ -273,8 +274,8 @@ impl Publishing {
         self.ask(link, session, now).await
     }
 
-    /// Deletes unused subscriptions at the server: those of an earlier connection, those with missing messages, and
-    /// those that the line replaced by polling.
+    /// Deletes unused subscriptions at the server: subscriptions of an earlier connection, with missing messages, or
+    /// replaced by polling.
     async fn end_others(&mut self, link: &mut Link, session: &Session) -> Result<(), Error> {
         let is_kept =
             |id: &u32| self.of.iter().any(|(_, state)| state.sent().is_some_and(|sent| sent.id == *id));

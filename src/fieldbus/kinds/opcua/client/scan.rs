@@ -1,4 +1,5 @@
-//! Endpoints of an OPC UA server, with the users that it accepts and its certificate, also as lines for a profile.
+//! Scan of an OPC UA server: its endpoints, the users that they accept and its certificate, with matching lines for a
+//! profile.
 
 use std::time::Duration;
 
@@ -73,14 +74,14 @@ fn lets_in(offers: &[Offer], security: Security, user: &str) -> bool {
     fitting.flat_map(|offer| &offer.users).any(|known| *known == user)
 }
 
-/// Returns lines for a profile with a user, if the server does not accept anonymous users; otherwise nothing.
+/// Returns lines for a profile with an example of a user; empty if the server accepts anonymous users.
 fn user(offers: &[Offer], security: Security) -> &'static str {
     if lets_in(offers, security, "anonymous") {
         return "";
     }
     match lets_in(offers, security, "password") {
         true => {
-            "# a user of the server; the file holds the password alone\n\
+            "# a user of the server; the file contains only the password\n\
              user = { name = \"isotherm\", password_file = \"opcua.password\" }\n"
         }
         false => {

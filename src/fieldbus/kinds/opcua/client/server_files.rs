@@ -39,7 +39,7 @@ pub(in crate::fieldbus) fn read(server: &OpcUaServer) -> Result<ServerFiles, Vec
     let mut der = |file: &NamedFile| {
         let found = certificate(&file.bytes).and_then(|cert| cert.to_der().ok());
         if found.is_none() {
-            wrong.push(file.invalid("the file is no certificate in DER or PEM form"));
+            wrong.push(file.invalid("the file is not a certificate in DER or PEM form"));
         }
         found
     };
@@ -61,7 +61,7 @@ pub(in crate::fieldbus) fn read(server: &OpcUaServer) -> Result<ServerFiles, Vec
 
 /// Returns a password without the newline at its end.
 fn password(bytes: &[u8]) -> Result<Vec<u8>, &'static str> {
-    let text = std::str::from_utf8(bytes).map_err(|_| "the file is no text in UTF-8")?;
+    let text = std::str::from_utf8(bytes).map_err(|_| "the file is not text in UTF-8")?;
     let text = text.trim_end_matches(['\r', '\n']);
     if text.is_empty() { Err("the password is empty") } else { Ok(text.as_bytes().to_vec()) }
 }

@@ -112,7 +112,7 @@ impl Session {
         Session { application, timeout, held: Arc::default(), sizes }
     }
 
-    /// Returns the numbers of nodes in one call that the server has not refused.
+    /// Returns the maximum number of nodes in one call of each service, as learned from refusals of the server.
     pub(super) fn sizes(&self) -> &CallSizes {
         &self.sizes
     }
@@ -342,8 +342,8 @@ impl Session {
     }
 }
 
-/// Checks that the server of a secured session uses the trusted certificate and has its key. Also checks that its
-/// signed list of endpoints leads to the same choice of security.
+/// Checks that the server of a secured session uses the trusted certificate and has the key of this certificate. Also
+/// checks that the signed list of endpoints leads to the same choice of security.
 fn proven(made: &CreateSessionResponse, nonce: &ByteString, login: Login<'_>) -> Result<(), OpcUaFault> {
     let Login { endpoint, own, user } = login;
     let Some((cert, _)) = own else { return Ok(()) };

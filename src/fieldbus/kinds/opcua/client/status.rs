@@ -79,7 +79,8 @@ pub(super) enum Purpose {
     Session,
 }
 
-/// Returns the fault for an error that occurred while a channel was opened. `reply` is what the server has sent.
+/// Returns the fault for an error that occurred while a channel was opened. `reply` is the first reply of the server on
+/// this connection.
 pub(super) fn opening_fault(purpose: Purpose, reply: Reply, error: &Error) -> Fault {
     let of_status = |error: &Error| match purpose {
         Purpose::List => list_fault(error),

@@ -5,7 +5,7 @@
 //! ```
 //!
 //! - A message answers a Publish request. The values were valid after that request was sent, so their age counts from
-//!   then. A value that is not in the message has not changed, provided that the server has nothing more to send.
+//!   then. If the server has nothing more to send, a value that is missing in the message has not changed.
 //! - If the age counts from the source time stamps, the server also sends a value if only its time stamp is new.
 //!   Otherwise the server reports that nothing has changed, and this report may be as old as its sampling period.
 //! - After a missing message, or if the server ends the subscription, its values are discarded. The line then reads the
@@ -36,10 +36,10 @@ use crate::fieldbus::wire::{NodeReading, Stamped};
 const AT_ONCE: usize = 100;
 /// Time without a Publish request after which a server deletes a subscription.
 const LIFETIME: Duration = Duration::from_secs(60);
-/// Minimum of [`LIFETIME`], in publishing intervals.
+/// Minimum lifetime of a subscription in publishing intervals, if [`LIFETIME`] is shorter.
 const LEAST: u32 = 30;
-/// Pause before the line subscribes again because the server did not have some nodes. After the pause, the server may
-/// have them.
+/// Pause before the line subscribes again, if the server did not have some of the nodes. The server may have them after
+/// the pause.
 const AGAIN: Duration = Duration::from_secs(60);
 
 /// Subscription that exists at the server.
@@ -71,7 +71,7 @@ pub(super) struct Subscribed {
 /// Message after which the values of all nodes are current.
 #[derive(Clone, Copy)]
 struct Confirmed {
-    /// Time at which the Publish request was sent that the message answers.
+    /// Time at which the gateway sent the Publish request that this message answers.
     asked: Moment,
     /// Time at which the server sent the message, by the server's clock. `lay` is the time that the message waited at
     /// the server before that.
@@ -251,7 +251,7 @@ async fn monitor(
         true => Ok(results),
         false => Err(Error::new(
             StatusCode::BadUnknownResponse,
-            "the server answered for another number of nodes than was requested",
+            "the answer of the server has another number of nodes than the request",
         )),
     }
 }
@@ -305,7 +305,8 @@ pub(super) async fn unsubscribe(link: &mut Link, session: &Session, ids: Vec<u32
 }
 
 impl Subscribed {
-    /// Processes a message. `asked` is the time at which the Publish request of the message was sent.
+    /// Processes a message of the server. `asked` is the time at which the gateway sent the Publish request that the
+    /// message answers.
     pub(super) fn receive(&mut self, answer: PublishResponse, asked: Moment, now: Moment) -> ValueState {
         let message = answer.notification_message;
         let parts = message.notification_data.unwrap_or_default();
@@ -349,7 +350,8 @@ impl Subscribed {
         self.values.len()
     }
 
-    /// Returns the numbers of the messages that arrived since the last call, for their acknowledgement.
+    /// Returns the numbers of the messages that arrived since the last call. The next Publish request acknowledges
+    /// them.
     pub(super) fn received(&mut self) -> Vec<u32> {
         std::mem::take(&mut self.received)
     }

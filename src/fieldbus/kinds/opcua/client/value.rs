@@ -30,7 +30,7 @@ pub(super) fn reading(node: &Node, value: &DataValue, answered: DateTime) -> Nod
     NodeReading { value: scalar.and_then(|scalar| node.registers(scalar)), stamped, asked: None }
 }
 
-/// Returns a value of the library that has only this status.
+/// Returns a value in the type of the library that contains only this status, and no number.
 pub(super) fn without_value(status: StatusCode) -> DataValue {
     DataValue { status: Some(status), ..DataValue::null() }
 }

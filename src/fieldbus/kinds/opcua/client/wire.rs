@@ -77,8 +77,8 @@ impl OpcUa {
         }
     }
 
-    /// Reads nodes, in as many calls as the server requires. The age of all values counts from the first call. A node
-    /// whose namespace the server does not have is not requested.
+    /// Reads nodes, in several calls if the server does not accept them in one call. The age of all values counts from
+    /// the first call. A node whose namespace the server does not have is not requested.
     async fn read(&mut self, nodes: &[Node], send_guard: &mut SendGuard) -> Result<Answer, Fault> {
         let namespaces = self.session.namespaces();
         let known: Result<Vec<Option<NodeId>>, Fault> =
