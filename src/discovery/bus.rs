@@ -114,8 +114,8 @@ impl FromStr for LineAddress {
 /// TCP port that is registered for OPC UA.
 pub(crate) const OPC_UA: u16 = 4840;
 
-/// Adds the type of bus line, for example `rtu://`, to a path of a serial port or to a host with or without a port.
-/// Returns `None` for other texts.
+/// Adds the type of bus line, for example `rtu://`, to the path of a serial port or to a host. Returns `None` for other
+/// texts.
 fn with_type(text: &str) -> Option<String> {
     if text.starts_with("/dev/") {
         return Some(format!("rtu://{text}"));

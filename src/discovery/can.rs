@@ -22,7 +22,8 @@ pub struct Inspected {
     pub advice: Vec<String>,
 }
 
-/// Inspects the interface of each CAN line of a profile. It queries the kernel, and sends no frame on the bus.
+/// Inspects the interface of each CAN line of a profile. The function queries the kernel, and sends no frame on the
+/// bus.
 pub fn inspect(profile: &Profile) -> Vec<Inspected> {
     let lines = profile.buses.iter().filter(|bus| bus.transport.is_can());
     lines.map(|bus| inspected(bus, requires_fd(profile, bus), Interface::query(&bus.address))).collect()

@@ -25,7 +25,7 @@ const DEVICES: usize = 4;
 /// Peculiar behaviour of a device on a new connection.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum NewConnection {
-    /// Device that answers only if the first request is sent this long after connecting.
+    /// Device that ignores requests during this time after connecting.
     Deaf(Duration),
     /// Device that loses the first request of each connection.
     LosesFirst,
@@ -68,9 +68,9 @@ impl fmt::Display for NewConnection {
     }
 }
 
-/// Tests a unit that has not answered a read of these registers. Returns the behaviour with which the unit answers.
-/// Returns `None` if the unit answers without a change, or with no tested setting. The caller must have closed its own
-/// connection.
+/// Tests a unit that has not answered a read of these registers. Returns the behaviour that explains the missing answer.
+/// Returns `None` if the unit answers with the present settings, or if no tested setting helps. The caller must have
+/// closed its own connection.
 pub async fn examine(
     line: &LineAddress,
     bus: &Bus,

@@ -69,8 +69,8 @@ pub enum Event {
     Line(LineAddress),
     /// This unit answered on this line.
     Found(LineAddress, Responder),
-    /// The line received input that is no evidence of a unit with the requested number: an echo, text, or an answer
-    /// with another unit number.
+    /// The line received input that does not show a unit with the requested number: an echo, text, or an answer with
+    /// another unit number.
     Noticed(LineAddress, Fault),
     /// Number of requests sent so far.
     Asked(usize),
@@ -209,7 +209,7 @@ fn how(answer: &Result<Answer, Fault>) -> Option<AnswerKind> {
 }
 
 /// Returns whether the device seems to ignore the unit number: all `asked` unit numbers gave the same answer. Many TCP
-/// devices do so, because they have only one unit.
+/// devices ignore it, because they have only one unit.
 pub fn heeds_no_number(found: &[&Responder], asked: usize) -> bool {
     asked > 3 && found.len() == asked && found.windows(2).all(|pair| pair[0].how == pair[1].how)
 }

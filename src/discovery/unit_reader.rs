@@ -87,7 +87,7 @@ impl UnitReader {
         self.line.as_mut().is_some_and(DeviceLine::has_come_back)
     }
 
-    /// Reads registers or bits of a unit. If the line cannot connect, it tries three times in total.
+    /// Reads registers or bits of a unit. If the line cannot connect, the reader tries three times in total.
     ///
     /// # Errors
     /// The reason why there is no valid answer.

@@ -45,7 +45,7 @@ pub struct Reading {
 }
 
 impl ValueFormat {
-    /// Returns the number of registers (for bits: of bits) that one value occupies.
+    /// Returns the number of registers that one value occupies; 1 for a bit.
     pub fn registers(&self) -> u16 {
         self.data_type.map_or(1, DataType::registers)
     }

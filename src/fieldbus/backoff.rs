@@ -24,7 +24,8 @@ impl Backoff {
         Backoff { shortest: shortest.min(LONGEST), failures: 0, not_before: None, jitter: seed }
     }
 
-    /// Returns whether an attempt is allowed at `now`: the pause is over, or there is none.
+    /// Returns whether an attempt is allowed at `now`: the pause after the last failure is over, or the last attempt
+    /// succeeded.
     pub fn allows(&self, now: Moment) -> bool {
         self.not_before.is_none_or(|moment| now >= moment)
     }
@@ -34,7 +35,7 @@ impl Backoff {
         self.not_before
     }
 
-    /// Records a failed attempt. The next pause is twice as long as the last one, minus a random part of up to a
+    /// Records a failed attempt. The next pause is twice as long as the previous pause, minus a random part of up to a
     /// quarter.
     pub fn fail(&mut self, now: Moment) {
         let doubled = self.shortest.saturating_mul(1 << self.failures.min(16)).min(LONGEST);

@@ -24,8 +24,8 @@ pub trait Dial: Send {
         Fault::Link(LinkFault::TurnedAway)
     }
 
-    /// Returns whether the last opened connection reaches the same device as the one before it. Returns false if the
-    /// transport detects that this may be another device.
+    /// Returns whether the last opened connection reaches the same device as the connection before it. Returns false if
+    /// the transport detects that the device may be another one.
     fn resumes(&self) -> bool {
         true
     }
@@ -55,9 +55,9 @@ pub trait Dial: Send {
 pub enum Connection {
     /// Modbus TCP, the most common kind. It is called without dynamic dispatch, which would slow down a fast loop.
     ModbusTcp(ModbusTcp),
-    /// Modbus connection of another kind, called by dynamic dispatch.
+    /// Any other Modbus connection, for example with RTU frames, called by dynamic dispatch.
     Modbus(Box<dyn ModbusWire>),
-    /// Connection of any other kind, called by dynamic dispatch.
+    /// Connection of any other protocol, called by dynamic dispatch.
     Other(Box<dyn Wire>),
 }
 

@@ -38,7 +38,7 @@ pub enum Fault {
         /// Number of this node within the call, counted from 1.
         place: u16,
     },
-    /// One of several OPC UA nodes that are read in one request has no valid value.
+    /// A read request for several OPC UA nodes got no valid value for one of the nodes.
     #[error("node {place} of the nodes in one read request: {fault}", fault = Fault::of_a_node(*.reason))]
     Unreadable {
         /// Reason why the value is not valid.
@@ -185,8 +185,8 @@ pub enum PeerFault {
     /// Reply to a write that does not repeat the address, value or count of the request.
     #[error("the reply to a write names another address or value")]
     Echo,
-    /// CANopen object whose width differs from its type in the profile.
-    #[error("the object has another width than its type in the profile")]
+    /// CANopen object whose width in bytes differs from the width of its type in the profile.
+    #[error("the object has another width in bytes than its type in the profile")]
     Width,
     /// OPC UA node whose type differs from its type in the profile.
     #[error("the node has another type than the profile says")]
@@ -212,8 +212,8 @@ pub enum PeerFault {
     /// The gateway received its own request instead of a reply.
     #[error("the request itself comes back instead of a reply")]
     Echoed,
-    /// Subscription on which the server sends neither data nor keep-alive messages in time.
-    #[error("the subscription is silent: the server sends neither values nor keep-alive messages in time")]
+    /// Subscription on which no data and no keep-alive messages of the server arrive in time.
+    #[error("the subscription is silent: the server sends no values and no keep-alive messages in time")]
     Silent,
     /// Data that arrived while no request was open.
     #[error("data arrived without a request")]

@@ -38,7 +38,7 @@ pub const fn remedy(fault: Fault) -> Option<&'static str> {
         }
         Fault::Link(LinkFault::Unresolved) => {
             "is the host name written right, and does this computer know it (`getent hosts NAME`)? An \
-             address such as 192.168.0.10 needs no host name"
+             IP address, for example 192.168.0.10, needs no host name"
         }
         Fault::Link(LinkFault::Unreachable) => {
             "is the address right, is the device powered and on this network, does a firewall block the \
@@ -68,8 +68,8 @@ pub const fn remedy(fault: Fault) -> Option<&'static str> {
         Fault::Link(LinkFault::OpcUa(fault)) => fault.hint(),
         Fault::Link(LinkFault::Tls(fault)) => return modbus::hint::inside_tls(fault),
         Fault::Peer(PeerFault::Malformed) => {
-            "on a serial line, check baud rate and parity, and that no two units have the same number; over TCP: \
-             does the device send RTU frames (RTU over TCP)?"
+            "on a serial line, check baud rate and parity, and that no two units have the same number. Over TCP: \
+             does the device use RTU over TCP?"
         }
         Fault::Peer(PeerFault::Foreign) => "is another master on the line?",
         Fault::Peer(PeerFault::Unasked) => "is it a late reply, or another master on the same line?",
@@ -124,7 +124,7 @@ pub const fn remedy_of_a_reading(reason: Reason) -> &'static str {
         Reason::ShortFrame => {
             "the node sends fewer bytes than the profile reads: is it another variant of the node?"
         }
-        Reason::NotANumber => "are `type` and `word_order` those of the device?",
+        Reason::NotANumber => "do `type` and `word_order` match the device?",
         Reason::WrongType => "write the `type` that the node has at the server",
         Reason::NoNumber => NOT_A_NUMBER,
         Reason::NoElement => {

@@ -71,17 +71,18 @@ pub use modbus_gateway::LONGEST_GATEWAY_WAIT;
 pub use request_observer::RequestObserver;
 
 /// Number of timeouts after the first one, during which a late answer may still arrive. The unit gets no request until
-/// they have passed.
+/// these timeouts have passed.
 pub const GRACE: u32 = 3;
 /// Number of timeouts in a row after which the line opens the port again, if answers have no transaction number. With
-/// transaction numbers, this number is larger on a line with several units.
+/// transaction numbers, a line with several units allows more timeouts.
 const MISSES: u32 = 2;
 
-/// Limit below which an idle time of the line counts as short. On a busy computer, the timer of the timeout is then
-/// only moved, which takes less processor time. Other tasks wake the computer in any case.
+/// Limit below which an idle time of the line counts as short. During a short idle time of a busy computer, the line
+/// only moves the timer of its timeout, which takes less processor time. The moved timer may wake the computer once
+/// more, as other tasks do in any case.
 const SHORT_REST: Duration = Duration::from_millis(250);
 
-/// One physical bus line. Only its owner task sends requests on it.
+/// One physical bus line. Only the task that owns this value sends requests on the line.
 pub struct DeviceLine {
     dial: Box<dyn Dial>,
     /// Clock samples, and the deadline for sending the present request.
@@ -106,7 +107,8 @@ pub struct DeviceLine {
     history: ConnectionHistory,
     /// Number of connections in a row that the other end closed soon after they were opened.
     short_lives: u32,
-    /// Back-off that leaves the only connection of a device to another client, which seems to compete for it.
+    /// Back-off that leaves the only connection of a device to another client for a time, if two clients seem to
+    /// compete for this connection.
     yielding: Backoff,
     evidence: Evidence,
     others: OtherMasters,
@@ -120,7 +122,7 @@ pub struct DeviceLine {
     connections: u64,
 }
 
-/// Treatment of a connection after a timeout, if the line could recognise and discard a late answer on it.
+/// Treatment of a connection after a timeout, if the line can recognise and discard late answers on this connection.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum AfterTimeout {
     /// The line keeps the connection.
@@ -163,8 +165,8 @@ pub enum Attribution {
     /// The answer belongs to the gateway or to another master, because that master requests the same function and
     /// length from the same unit.
     Ambiguous,
-    /// A second answer of the same unit, function and length followed. Either of the two may be the answer to the
-    /// gateway.
+    /// A second answer of the same unit, function and length followed. Either of the two answers may be the answer to
+    /// the gateway.
     Contested,
 }
 
@@ -232,8 +234,8 @@ impl DeviceLine {
         self
     }
 
-    /// Makes the line drop the connection after each timeout, and never wait for a Modbus gateway. A scan uses this,
-    /// because most of the units that it asks do not exist.
+    /// Makes the line drop the connection after each timeout, and never wait for a Modbus gateway. A scan uses this
+    /// setting, because most units to which a scan sends requests do not exist.
     pub fn renewed_after_timeouts(mut self) -> DeviceLine {
         self.after_timeout = AfterTimeout::Renew;
         self
@@ -258,8 +260,8 @@ impl DeviceLine {
         self.send_guard.sample()
     }
 
-    /// Announces that the line gets no request for the time `span`. The gap between clock samples then does not count
-    /// as a stop of the computer.
+    /// Announces that the line gets no request for the time `span`. The gap between two clock samples then does not
+    /// count as a stop of the computer.
     pub fn idle_for(&mut self, span: Duration) {
         self.send_guard.away_for(span);
         if span < SHORT_REST && self.send_guard.is_busy() {
@@ -330,9 +332,9 @@ impl DeviceLine {
         Spans { timeout: self.timeout, grace: self.timeout * GRACE }
     }
 
-    /// Sends a request to a device, and waits for its answer for at most the timeout of the line. Connecting may take a
-    /// second timeout. A control question (extra read, see `line/control.rs`) may take a third one. Immediately before
-    /// the first byte is sent, the line checks the deadline `leave`.
+    /// Sends a request to a device, and waits for its answer for at most the timeout of the line. Connecting may take
+    /// the same time again, and so may a control question (extra read, see `line/control.rs`). Immediately before the
+    /// first byte is sent, the line checks the deadline `leave`.
     ///
     /// # Errors
     /// See [`Fault`]; [`Fault::outcome`] tells whether a failed write was executed. While a device backs off, the call

@@ -15,7 +15,7 @@ use tokio::net::TcpStream;
 
 use super::port::Port;
 
-/// Number of requests for each attempt to read at once, after [`IN_VAIN`] attempts in a row without an answer.
+/// Period, in requests, of the attempts to read at once, after [`IN_VAIN`] attempts in a row have found no answer.
 const SELDOM: u32 = 64;
 const IN_VAIN: u32 = 8;
 
@@ -24,7 +24,7 @@ const IN_VAIN: u32 = 8;
 pub(super) struct LocalTcp {
     stream: TcpStream,
     is_local: bool,
-    /// Number of attempts in a row to read at once that found no answer.
+    /// Number of consecutive attempts to read at once that found no answer.
     in_vain: u32,
     /// Whether the next read may be tried at once: a request was sent, and no such attempt was made for its answer.
     /// After one attempt the stream waits in the event queue, so that a peer that never stops sending blocks no other

@@ -34,7 +34,7 @@ pub enum Request<'a> {
 /// Reading of one node of a server, of one sensor of this computer, or of one line of text.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct NodeReading {
-    /// Value as registers, the most significant first; or the reason why there is none.
+    /// Value as registers, the most significant first; or the reason why there is no value.
     pub value: Result<Encoded, Reason>,
     /// Age of the value by its time stamp, if the server sent one.
     pub stamped: Stamped,
@@ -63,7 +63,7 @@ pub enum Answer {
     Bits(Vec<bool>),
     /// Readings of nodes, sensors or texts, as many as requested and in the same order.
     Nodes(Vec<NodeReading>),
-    /// Confirmation of a write. It repeats the request correctly.
+    /// Confirmation of a write. The answer repeats the request correctly.
     Done,
 }
 
@@ -115,7 +115,7 @@ impl Answer {
         }
     }
 
-    /// Returns the time stamp of the part of the answer in which this field is.
+    /// Returns the age, by its time stamp, of the reading that contains this field.
     pub fn stamped(&self, field: &plan::Field) -> Stamped {
         self.node(field).map_or(Stamped::Unknown, |node| node.stamped)
     }
@@ -142,7 +142,7 @@ impl Answer {
         }
     }
 
-    /// Decodes the value of a signal from the part of the answer in which its field is.
+    /// Decodes the value of a signal from `field`, its part of the answer.
     ///
     /// # Errors
     /// The reason why the signal has no valid value.
@@ -255,8 +255,8 @@ impl<'a> Request<'a> {
         }
     }
 
-    /// Returns whether one protocol message can carry the request. It must have at least one register, node, sensor or
-    /// text, and no more registers than the protocol allows.
+    /// Returns whether one protocol message can carry the request. A request must have at least one register, node,
+    /// sensor or text, and no more registers than the protocol allows.
     pub fn fits(self) -> bool {
         match self {
             Request::Modbus(request) => request.fits(),

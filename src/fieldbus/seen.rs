@@ -51,7 +51,7 @@ pub struct Advice {
     pub hint: &'static str,
     /// Key of the profile that helps; `None` if a setting of the device or of another program helps.
     pub key: Option<&'static str>,
-    /// File and heading of the manual, as in a link below `docs`.
+    /// Chapter of the manual as a link below `docs`, for example `serial.md#quirks`.
     pub chapter: &'static str,
 }
 

@@ -14,8 +14,8 @@ pub enum SendDeadline {
     None,
     /// The request must not be sent after this moment.
     By(Moment),
-    /// The request must not be sent after this moment, nor on another connection, because it depends on a value that
-    /// was read on the present one.
+    /// The request must not be sent after this moment, and not on another connection. It depends on a value that was
+    /// read on the present connection.
     OnConnection(Moment),
 }
 
@@ -41,7 +41,7 @@ pub struct SendGuard {
 }
 
 impl SendGuard {
-    /// Returns a send guard (send deadline of the next request) without a deadline.
+    /// Returns a send guard without a send deadline, which permits every request.
     pub fn without_deadline(clock: &Clock) -> SendGuard {
         SendGuard {
             clock: clock.clone(),
@@ -132,8 +132,8 @@ impl SendGuard {
         self.clock.is_busy()
     }
 
-    /// Announces that no clock sample follows for the time `span`, so that the gap does not count as a stop of the
-    /// computer.
+    /// Announces that no clock sample follows for the time `span`, so that the gap between two samples does not count
+    /// as a stop of the computer.
     pub fn away_for(&mut self, span: Duration) {
         self.stall_detector.away_for(span);
     }

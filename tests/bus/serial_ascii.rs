@@ -167,7 +167,7 @@ async fn a_readout_that_is_switched_to_inch_is_reported_with_what_to_do() {
     let fault = bench.read().await.unwrap_err();
     assert_eq!(fault, MALFORMED);
     let said = explain_on(Transport::AsciiOverTcp, fault).to_string();
-    assert!(said.contains("such as inch") && said.contains("isotherm trace"), "{said}");
+    assert!(said.contains("for example inch") && said.contains("isotherm trace"), "{said}");
     bench.machine.stop().await.unwrap();
 }
 

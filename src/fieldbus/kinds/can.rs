@@ -26,7 +26,7 @@ pub use wire::CanDial;
 use super::kind::{BusKind, LinePlace, ScanKind, VirtualLine};
 use crate::fieldbus::error::CanFault;
 
-/// CAN interface of this computer.
+/// Description of the bus type CAN: an interface of this computer.
 pub const KIND: BusKind = BusKind {
     word: "can",
     address_key: "interface",

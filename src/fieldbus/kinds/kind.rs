@@ -61,14 +61,14 @@ pub enum LinePlace {
 /// Way in which a line is scanned, which depends on whether its devices have registers.
 #[derive(Clone, Copy)]
 pub enum ScanKind {
-    /// Units with registers.
+    /// Line of units with registers. The scan reads registers of each unit number.
     Units {
         /// Advice if no unit answers.
         unanswered: &'static str,
         /// Advice after an answer that violates the protocol, with a space before it.
         malformed: &'static str,
     },
-    /// Line whose devices have no registers, such as a CAN line.
+    /// Line whose devices have no registers, for example a CAN line.
     Other {
         /// Description of the line for a message, for example "a CAN line".
         is: &'static str,
@@ -111,7 +111,7 @@ pub enum VirtualLine {
 pub(super) fn serial_server_hint(fault: Fault) -> Option<&'static str> {
     match fault {
         Fault::Link(LinkFault::Refused) => Some(
-            "is the port that of the serial server (often 4001)? Does the serial server wait for connections, as a \
+            "is this the port of the serial server (often 4001)? Does the serial server wait for connections, as a \
              TCP server without telnet? Does another program use its only connection?",
         ),
         _ => None,

@@ -30,10 +30,10 @@ use crate::fieldbus::connection::Dial;
 use crate::fieldbus::serial::place;
 use isotherm_profile::{Bus, Parity, Serial, Transport};
 
-/// Default port of Modbus TCP.
+/// Default TCP port of Modbus TCP.
 const PORT: u16 = 502;
 
-/// Modbus TCP.
+/// Description of the bus type Modbus TCP.
 pub const TCP: BusKind = BusKind {
     word: "modbus-tcp",
     example: Some("tcp://192.168.0.10:502"),
@@ -55,7 +55,7 @@ pub const TCP: BusKind = BusKind {
     ..BusKind::PLAIN
 };
 
-/// RTU frames through a TCP connection.
+/// Description of the bus type with RTU frames through a TCP connection.
 pub const RTU_OVER_TCP: BusKind = BusKind {
     word: "modbus-rtu-over-tcp",
     example: Some("rtu+tcp://192.168.0.11:4001"),
@@ -74,7 +74,7 @@ pub const RTU_OVER_TCP: BusKind = BusKind {
     ..BusKind::PLAIN
 };
 
-/// Modbus RTU on a serial port of this computer.
+/// Description of the bus type with RTU frames on a serial port of this computer.
 pub const SERIAL: BusKind = BusKind {
     word: "modbus-rtu",
     address_key: "port",
@@ -107,7 +107,7 @@ const ASCII_SCHEME: &str = "modbus-ascii://";
 /// Beginning of the address of a serial server with Modbus ASCII.
 const ASCII_SCHEME_OVER_TCP: &str = "modbus-ascii+tcp://";
 
-/// Modbus ASCII on a serial port of this computer.
+/// Description of the bus type with Modbus ASCII on a serial port of this computer.
 pub const ASCII: BusKind = BusKind {
     word: "modbus-ascii",
     address_key: "port",
@@ -138,7 +138,7 @@ pub const ASCII: BusKind = BusKind {
     ..BusKind::PLAIN
 };
 
-/// Frames of Modbus ASCII through a TCP connection.
+/// Description of the bus type with Modbus ASCII through a TCP connection.
 pub const ASCII_OVER_TCP: BusKind = BusKind {
     word: "modbus-ascii",
     example: Some("modbus-ascii+tcp://192.168.0.11:4001"),

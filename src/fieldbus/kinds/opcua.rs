@@ -21,7 +21,7 @@ use crate::fieldbus::error::{Fault, LinkFault, PeerFault};
 use isotherm_core::reading::Status;
 use isotherm_profile::{Bus, Transport, server_url};
 
-/// OPC UA server.
+/// Description of the bus type OPC UA server.
 pub const KIND: BusKind = BusKind {
     word: "opcua",
     example: Some("opc.tcp://192.168.0.12:4840"),
@@ -95,7 +95,7 @@ const fn hint(fault: Fault) -> Option<&'static str> {
 pub(in crate::fieldbus) const fn status_hint(status: Status) -> &'static str {
     match status {
         _ if status.is(Status::ACCESS_DENIED) => {
-            "the user of the line lacks the permission: grant it at the server, or write another `user`"
+            "the user of the line lacks the permission: grant it at the server, or enter another `user`"
         }
         _ if status.is(Status::NOT_WRITABLE) => {
             "the server lets no client write this node: is it the right node, is writing switched on at the \

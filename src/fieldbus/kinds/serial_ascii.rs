@@ -30,7 +30,7 @@ const SCHEME: &str = "ascii://";
 /// Beginning of the address of a serial server.
 const SCHEME_OVER_TCP: &str = "ascii+tcp://";
 
-/// Lines of text on a serial port of this computer.
+/// Description of the bus type with lines of text on a serial port of this computer.
 pub const SERIAL: BusKind = BusKind {
     word: "serial-ascii",
     address_key: "port",
@@ -56,7 +56,7 @@ pub const SERIAL: BusKind = BusKind {
     ..BusKind::PLAIN
 };
 
-/// Lines of text through a TCP connection to a serial server.
+/// Description of the bus type with lines of text through a TCP connection to a serial server.
 pub const OVER_TCP: BusKind = BusKind {
     word: "serial-ascii",
     example: Some("ascii+tcp://192.168.0.20:4001"),
@@ -90,16 +90,16 @@ fn dial(bus: &Bus) -> Option<Box<dyn Dial>> {
 fn hint(fault: Fault) -> Option<&'static str> {
     match fault {
         Fault::Timeout => Some(
-            "is the device on and connected? Are baud rate, data bits and parity those of the device? Does `request` \
+            "is the device on and connected? Do baud rate, data bits and parity match the device? Does `request` \
              end as the device expects, often with \\r? A device that sends without a request needs a `timeout` \
              longer than its interval",
         ),
         Fault::Peer(PeerFault::Malformed) => Some(
-            "the text differs from `text` of the signal: was the device switched to another unit, such as inch, or \
-             to another resolution? Are data bits and parity those of the device? `isotherm trace` shows it",
+            "the text differs from `text` of the signal: was the device switched to another unit, for example inch, or \
+             to another resolution? Do data bits and parity match the device? `isotherm trace` shows it",
         ),
         Fault::Peer(PeerFault::Checksum) => Some(
-            "is the checksum of the module switched on? Without it, the text must not contain {sum}. Otherwise check \
+            "is the checksum of the module switched on? If it is off, `text` must not contain {sum}. Otherwise check \
              the cable, its shield and its termination",
         ),
         Fault::Link(LinkFault::Broken) => {

@@ -35,7 +35,7 @@ mod value;
 /// Time that this program may need in addition to the timeout of the sensors.
 const OWN: Duration = Duration::from_secs(1);
 
-/// Sensors of this computer.
+/// Description of the bus type that consists of the sensors of this computer.
 pub const KIND: BusKind = BusKind {
     word: "sysfs",
     example: Some("/sys"),

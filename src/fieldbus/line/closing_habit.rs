@@ -1,6 +1,6 @@
 //! Detection of a server that closes each connection after one answer.
 //!
-//! An orderly close after each answer is no sign of another client, and the next connection needs no back-off. The line
+//! An orderly close after each answer does not show another client, and the next connection needs no back-off. The line
 //! closes each connection to such a server itself, as with `quirks.close_after_each`. Otherwise it would send each
 //! request on a connection that is already closed. A write could then never follow a read on the same connection.
 
@@ -10,7 +10,8 @@ use crate::fieldbus::wire::Ending;
 /// the server.
 const IN_A_ROW: u32 = 3;
 
-/// Number of consecutive connections that the server closed in an orderly way after one answer, up to the last one.
+/// Number of consecutive connections that the server closed in an orderly way after one answer each, up to the last
+/// connection.
 #[derive(Debug, Default)]
 pub(super) struct ClosingHabit(u32);
 

@@ -22,7 +22,8 @@ const SHORT_LIVES: u32 = 3;
 
 impl DeviceLine {
     /// Closes the connection after an answer, if the device with the index `place` accepts one client at a time
-    /// (`quirks.close_after_each`). Also closes it if the server usually does so after each answer.
+    /// (`quirks.close_after_each`). Also closes the connection if the server itself usually closes it after each
+    /// answer.
     pub(super) fn put_down(&mut self, place: usize) {
         if self.units.at(place).quirks.close_after_each || self.closing_habit.is_after_each() {
             self.wire = None;
@@ -30,14 +31,14 @@ impl DeviceLine {
         }
     }
 
-    /// Drops the connection without an orderly close. From now on any late answer of any unit is expected.
+    /// Drops the connection without an orderly close. From now on, late answers of all units may arrive.
     pub fn hang_up(&mut self) {
         self.drop_connection();
         self.units.pending.each().for_each(PendingReplies::anything);
     }
 
-    /// Returns whether the gateway received its own last request, and nothing else before the timeout. Returns `false`
-    /// if the connection was closed after the timeout.
+    /// Returns whether the last request came back as an echo, and nothing else arrived before the timeout. Returns
+    /// `false` if the connection was closed after the timeout.
     pub fn has_come_back(&mut self) -> bool {
         self.wire.as_mut().and_then(Connection::modbus).is_some_and(|modbus| modbus.has_come_back())
     }
@@ -64,8 +65,8 @@ impl DeviceLine {
     }
 
     /// Records that the other end closed the connection with this ending. Returns true if the last connections were so
-    /// short that the line must back off before it connects again. An orderly close after a complete answer is no sign
-    /// of another client.
+    /// short that the line must back off before it connects again. An orderly close after a complete answer does not
+    /// show another client.
     pub(super) fn is_contested(&mut self, ending: Ending, now: Moment) -> bool {
         let is_orderly = self.closing_habit.ended(self.history.answers, ending);
         if is_orderly || now.since(self.history.opened_at) >= SHORT_LIFE {

@@ -16,8 +16,8 @@ use isotherm_core::quantity::Moment;
 /// Maximum time between two orderly closes of connections. Within this time, they count as a habit of the server, and
 /// not as a broken contact.
 const HABIT: Duration = Duration::from_secs(3600);
-/// Time since the last answer of a device after which a timeout that ends the connection counts as a broken contact. At
-/// the usual periods, one lost answer causes a shorter silence.
+/// If a timeout ends the connection, and the device has not answered for this time, contact with the device counts as
+/// broken. At the usual polling periods, one lost answer causes a shorter silence.
 const SILENCE: Duration = Duration::from_secs(3);
 
 impl DeviceLine {

@@ -1,5 +1,5 @@
-//! Times of the requests to the units behind a Modbus gateway (from TCP to a serial line), and waiting for the Modbus
-//! gateway. See `modbus_gateway`.
+//! Decision when a unit behind a Modbus gateway (from TCP to a serial line) may get a request, and waiting for the
+//! Modbus gateway. The module `modbus_gateway` describes why this is necessary.
 
 use std::time::Duration;
 
@@ -12,8 +12,8 @@ use isotherm_core::quantity::Moment;
 use isotherm_profile::DeviceId;
 
 impl DeviceLine {
-    /// Returns whether the unit may get a request now. A unit that backs off after a failure gets none. A dead unit
-    /// behind a Modbus gateway seldom gets a request, because the other units wait meanwhile.
+    /// Returns whether the unit may get a request now. A unit that backs off after a failure gets no request. A dead
+    /// unit behind a Modbus gateway seldom gets a request, because the other units wait meanwhile.
     pub(super) fn may_try(&self, place: usize, now: Moment) -> bool {
         let unit = self.units.at(place);
         if !unit.breaker.allows(now) {
@@ -156,8 +156,8 @@ impl DeviceLine {
         connected
     }
 
-    /// Returns the time by which the line waits longer than `timeout` for the answer of a unit, because the Modbus
-    /// gateway may be occupied. A unit that has not answered its last request gets no additional time.
+    /// Returns the additional time, beyond `timeout`, for which the line waits for the answer of a unit, because the
+    /// Modbus gateway may be occupied. A unit that has not answered its last request gets no additional time.
     pub(super) fn patience_for(&self, place: usize) -> Duration {
         let unit = self.units.at(place);
         let is_waited_for = unit.is_behind_gateway && self.after_timeout == AfterTimeout::Keep;

@@ -70,8 +70,8 @@ impl DeviceLine {
         self.units.misses(place, (request, asked, missed), fault, now, self.spans());
     }
 
-    /// Records that a connection was lost while a read was unanswered that had been sent directly after another
-    /// request. The answer to that read may arrive late.
+    /// Records that a connection was lost before a follow-up read was answered (a read that is sent directly after
+    /// another request). The answer to the follow-up read may arrive late.
     pub(super) fn note_lost_read(
         &mut self,
         (number, read, asked): (u8, Request<'static>, Moment),

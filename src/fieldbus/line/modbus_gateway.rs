@@ -52,7 +52,7 @@ pub(super) struct ModbusGateway {
     proof: Proof,
     /// Earliest time of the next request to a dead unit (a unit that has missed two answers in a row).
     dead_not_before: Moment,
-    /// Own timeout of the Modbus gateway, as it was reported last; `None` if it was never reported.
+    /// Own timeout of the Modbus gateway, as last reported to the observer; `None` if it was never reported.
     reported: Option<Duration>,
     /// End of the last wait for the Modbus gateway.
     waited_until: Moment,
@@ -88,13 +88,13 @@ enum TransactionNumbers {
     Wrong,
 }
 
-/// Whether the Modbus gateway accepts another connection directly after the line has closed one.
+/// Whether the Modbus gateway accepts a new connection directly after the line has closed the old one.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 enum Renewal {
     #[default]
     Accepted,
-    /// The Modbus gateway refused the connection: it accepts only one client at a time, and does not yet accept the
-    /// next one after the line has closed its connection.
+    /// The Modbus gateway refused the connection: it accepts only one client at a time, and needs more time to accept
+    /// the next client.
     Refused,
 }
 
@@ -103,8 +103,8 @@ enum Renewal {
 struct SilentRequest {
     unit: u8,
     asked: Moment,
-    /// Whether the line has waited for the Modbus gateway without knowing its timeout. A prompt answer of another unit
-    /// then gives no information about this timeout.
+    /// Whether the line has waited for the Modbus gateway without knowing its timeout. If so, a prompt answer of
+    /// another unit gives no information about this timeout.
     was_awaited: bool,
 }
 
@@ -153,8 +153,8 @@ impl ModbusGateway {
         self.occupied.map(|silent| (silent.unit, silent.asked))
     }
 
-    /// Returns the own timeout of the Modbus gateway for a report: if it is longer than `timeout`, and differs from the
-    /// last reported one. Otherwise returns `None`.
+    /// Returns the own timeout of the Modbus gateway if it must be reported: it is longer than `timeout`, and differs
+    /// from the last reported value. Otherwise returns `None`.
     pub(super) fn news(&mut self, timeout: Duration) -> Option<Duration> {
         let is_news = |own: &Duration| self.reported.is_none_or(|last| own.abs_diff(last) > last / 4);
         let own = self.longer_timeout().filter(|own| *own > timeout).filter(is_news)?;
@@ -302,8 +302,8 @@ impl ModbusGateway {
         is_renewed
     }
 
-    /// Returns the time by which the line waits longer than `timeout` for the answer of a unit, because the Modbus
-    /// gateway may still wait for another unit.
+    /// Returns the additional time, beyond `timeout`, for which the line waits for the answer of a unit. The Modbus
+    /// gateway may still wait for another unit meanwhile.
     pub(super) fn patience(&self, unit: u8, now: Moment) -> Duration {
         let Some(silent) = self.occupied.filter(|silent| silent.unit != unit) else { return Duration::ZERO };
         let longest = self.own_timeout().map_or(LONGEST_WAIT, |own| own + own / 2 + LATER);
@@ -318,9 +318,9 @@ impl ModbusGateway {
     /// Returns whether a dead unit gets a request. The last request to it was sent at `tried`. `live`: for each unit
     /// that answers, the time of its readings and the age at which they are too old.
     ///
-    /// A dead unit gets a request only after another unit has answered, or after [`PROOF`]. It gets at most a part of
-    /// the time, and no request if a reading would become too old meanwhile. The last two conditions end after
-    /// [`SELDOM`].
+    /// A dead unit gets a request only after another unit has answered, or after [`PROOF`]. Dead units get at most
+    /// 1/[`SHARE`] of the time, and no request if a reading would become too old meanwhile. The last two conditions end
+    /// after [`SELDOM`].
     pub(super) fn may_try_dead(
         &self,
         tried: Moment,

@@ -40,15 +40,15 @@ pub trait RequestObserver: Send + Sync {
     /// were open.
     fn gives_up_pipeline(&self, _fault: Fault) {}
 
-    /// Reports that the Modbus gateway on the line waits for a silent unit for this time, which is longer than the
-    /// timeout of the line.
+    /// Reports how long the Modbus gateway on the line waits for a silent unit. This time is longer than the timeout of
+    /// the line.
     fn waits_for_gateway(&self, _own_timeout: Duration) {}
 
     /// Reports news about the OPC UA subscription of a device, as a sentence.
     fn subscribes(&self, _device: DeviceId, _what: String) {}
 
-    /// Reports that another master was detected on the line, or answers to it with another function or length.
-    /// `attribute` returns, for a unit and a request, whether the answer may be an answer to that master.
+    /// Reports that another master was detected on the line, or that answers with a new function or length were sent to
+    /// this master. `attribute` returns, for a unit and a request, whether the answer may be an answer to that master.
     fn shares_line(&self, _attribute: &dyn Fn(u8, Request<'_>) -> Attribution) {}
 
     /// Reports that no frame of another master has arrived for ten minutes. Before that, the line received `frames`

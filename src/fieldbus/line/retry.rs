@@ -17,9 +17,10 @@ impl DeviceLine {
         Some(pending.max(rests).unwrap_or_default().max(self.last_sample()))
     }
 
-    /// Returns whether the line repeats a request at once on a new connection, after the old connection was lost with
-    /// this answer. Some Modbus gateways close an idle connection, and no reading should fail for that. A write that
-    /// may have been sent is not repeated, nor is a write that depends on a value read on the lost connection.
+    /// Returns whether the line repeats a request at once on a new connection. `answer` is the result with which the
+    /// old connection was lost. Some Modbus gateways close an idle connection, and no reading should fail because of
+    /// that. A write that may have been sent is not repeated, nor is a write that depends on a value read on the lost
+    /// connection.
     pub(super) fn is_repeated(
         request: Request<'_>,
         leave: SendDeadline,

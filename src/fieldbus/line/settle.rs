@@ -1,5 +1,5 @@
-//! Effects of a result on the connection and on the unit: whether the connection is kept, and how long the unit backs
-//! off.
+//! Effects of the result of a request on the connection and on the unit: whether the connection is kept, and how long
+//! the unit backs off.
 //!
 //! A timeout of a read over TCP leaves the connection open, because a new connection may not help. Some Modbus gateways
 //! accept one client, and do not accept the next one for seconds. The line drops the connection if:

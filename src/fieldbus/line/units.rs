@@ -15,8 +15,8 @@ use isotherm_profile::{Device, DeviceId, Functions, Quirks, Transport};
 /// Shortest pause after a missing answer of a unit without reliable transaction numbers. A multiple of a very short
 /// timeout would be too short, because a late answer may take longer.
 const SHORTEST_REST: Duration = Duration::from_millis(750);
-/// Number of consecutive requests without an answer up to which the pause of a unit does not grow. It applies to units
-/// that have answered before, on lines without reliable transaction numbers.
+/// The pause of a unit does not grow while at most this number of requests in a row are unanswered. This applies to
+/// units that have answered before, on lines without reliable transaction numbers.
 const PATIENT: u32 = 3;
 /// Number of consecutive requests without an answer, after which a unit counts as dead.
 const DEAD: u32 = 2;
@@ -42,8 +42,8 @@ pub(super) struct Unit {
     pub(super) received: Moment,
     /// Time of the last request that was sent to the unit.
     pub(super) tried: Moment,
-    /// Start of the last round of reads, in which the line read all signals of the device once; `None` if it has no
-    /// such rounds.
+    /// Start of the last round of reads, in which the line read all signals of the device once; `None` if the device is
+    /// not read in rounds.
     pub(super) round: Option<Moment>,
     /// Age at which the readings of the device are too old; `Duration::MAX` if the device has no limit.
     pub(super) max_age: Duration,
@@ -119,7 +119,7 @@ impl Units {
         self.all.iter_mut().for_each(|unit| unit.max_age = max_age_of(unit.device));
     }
 
-    /// Returns the number of devices on the line.
+    /// Returns the number of devices of the profile on the line.
     pub(super) fn count(&self) -> u32 {
         u32::try_from(self.all.len()).unwrap_or(u32::MAX)
     }

@@ -1,6 +1,6 @@
-//! Identity of a serial port. It shows whether a newly opened port is the one that was open before.
+//! Identity of a serial port. The identity shows whether a newly opened port is the port that was open before.
 //!
-//! Neither the name nor the device number identifies a port: another adapter may get both after the first was
+//! The name and the device number do not identify a port: another adapter may get both after the first adapter was
 //! unplugged. The kernel registers each adapter that is plugged in. It creates a directory in sysfs and a node in
 //! devtmpfs, each with a new inode. The directory also identifies an adapter whose node was created manually, as in a
 //! container.
@@ -21,7 +21,8 @@ pub(in crate::fieldbus) fn place(path: &str) -> String {
     }
 }
 
-/// Returns the device number of a serial port, which all of its paths share; `None` if it is no character device.
+/// Returns the device number of a serial port, which all of its paths share; `None` if the file is not a character
+/// device.
 fn device_number(found: &Metadata) -> Option<u64> {
     found.file_type().is_char_device().then(|| found.rdev())
 }
@@ -46,7 +47,7 @@ enum Origin {
 }
 
 impl PortIdentity {
-    /// Returns the identity of an open port; `None` if the file is no character device.
+    /// Returns the identity of an open port; `None` if the file is not a character device.
     pub(super) fn of(port: &File) -> Option<PortIdentity> {
         let node = port.metadata().ok()?;
         let device_number = device_number(&node)?;

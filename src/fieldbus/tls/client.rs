@@ -127,9 +127,9 @@ impl Port for TlsStream<LocalTcp> {}
 /// Verifier of a device's certificate. It trusts certificates signed by the authorities in a file, and the certificates
 /// in the file themselves.
 ///
-/// Many devices have a self-signed certificate whose name is not their name in this plant. A certificate that equals
-/// one in the file, byte for byte, identifies a device better than its name. For such a certificate only the dates are
-/// checked.
+/// Many devices have a self-signed certificate that does not contain their host name in this plant. A certificate that
+/// is identical to a certificate in the file identifies a device better than its name. For such a certificate only the
+/// dates are checked.
 #[derive(Debug)]
 pub(super) struct Trust {
     authorities: Arc<WebPkiServerVerifier>,

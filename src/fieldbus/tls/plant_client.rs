@@ -91,7 +91,8 @@ fn of_this_computer<'a>(bundles: impl IntoIterator<Item = &'a Path>) -> Result<R
             return Ok(roots);
         }
     }
-    Err("this computer has no trusted authorities: install them (`ca-certificates`), or name one with `ca`"
+    Err("this computer has no trusted authorities: install them (package `ca-certificates`), or write the path of a \
+         file of authorities into `ca`"
         .to_owned())
 }
 

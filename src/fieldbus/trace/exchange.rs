@@ -31,7 +31,7 @@ pub struct Exchange {
     /// Received bytes, valid or not.
     #[serde(serialize_with = "hex")]
     pub received: Vec<u8>,
-    /// Number of further bytes that were not stored.
+    /// Number of further sent or received bytes that were not stored.
     pub more: usize,
     /// Answer as readable text, or the fault of the request.
     pub answered: String,
@@ -84,7 +84,7 @@ pub(super) fn answered_text(received: &[u8], answer: &Result<Answer, Fault>) -> 
     format!("{}: {result}", Quoted(&text))
 }
 
-/// Formats the number that was found in a text (a 64-bit float), or the reason why there is none.
+/// Formats the number that was found in a text (a 64-bit float), or the reason why no number was found.
 fn number(reading: &NodeReading) -> String {
     match &reading.value {
         Ok(value) => f64::from_bits(value.bits()).to_string(),

@@ -37,8 +37,8 @@ impl NodeId {
         self.0
     }
 
-    /// Returns the CAN identifier of a service of this node: `service`, such as 0x080 (EMCY) or 0x580 (SDO answers),
-    /// plus the node number. CiA 301 calls this the predefined connection set.
+    /// Returns the CAN identifier of a service of this node: `service`, for example `0x080` (EMCY) or `0x580` (SDO
+    /// answers), plus the node number. CiA 301 calls this the predefined connection set.
     pub fn identifier(self, service: u16) -> CanId {
         CanId::of_11_bits(service + u16::from(self.0))
     }

@@ -1,5 +1,5 @@
 //! Content of the CAN frames that the gateway writes. Several values may share a frame, and the gateway always sends
-//! the whole frame. It therefore must know the other values of the frame before it sends one.
+//! the whole frame. The gateway must therefore know the other values of a frame before it sends the frame.
 
 use crate::fieldbus::error::{CallerFault, Fault};
 use isotherm_core::codec::{BitField, CanId, Encoded, Frame, Object};
@@ -26,7 +26,7 @@ pub struct Value {
 }
 
 impl Value {
-    /// Returns a value whose current content is not known yet.
+    /// Returns the entry for a value whose current content is not known yet.
     pub fn new(bits: BitField, read_at: Option<(u8, Object)>) -> Value {
         Value { bits, read_at, is_known: false }
     }

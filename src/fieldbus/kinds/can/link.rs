@@ -64,7 +64,7 @@ impl Link {
         &self.interface
     }
 
-    /// Opens a socket if there is none, and checks whether the interface is up.
+    /// Opens a socket if no socket is open, and checks whether the interface is up.
     ///
     /// # Errors
     /// The reason why sending and receiving is impossible now.

@@ -115,8 +115,8 @@ impl Wire for CanWire {
 }
 
 impl CanWire {
-    /// Discards SDO frames that arrived before the request, and reports each of them to the SDO client of the node.
-    /// After such a frame, more unexpected answers may follow.
+    /// Discards SDO frames that arrived before the request, and reports each discarded frame to the SDO client of the
+    /// node. After such a frame, more unexpected answers may follow.
     fn discard_unasked(&mut self, node: NodeId) {
         while let Ok(passed) = self.passing.try_recv() {
             self.show(&passed);

@@ -15,7 +15,7 @@ use isotherm_core::codec::{AsciiFrames, ascii_frame};
 /// Number of characters in one read of the port.
 const PIECE: usize = 512;
 
-/// Port whose frames are those of Modbus ASCII.
+/// Port on which frames are sent and received as Modbus ASCII.
 #[derive(Debug)]
 pub struct AsciiPort<P> {
     port: P,

@@ -20,15 +20,16 @@
 //! Limits: a Modbus gateway that keeps two or more answers is not always detected. The same applies to a Modbus gateway
 //! that keeps an answer although no answer of this unit was missing. A unit is not protected before it has answered
 //! reads of two forms. It is not protected if it gets only reads of one form, or if each request has its own
-//! connection. After a control question has failed twice in a row, the unit is not protected until it has answered that
-//! read as an ordinary read. Answers to writes are not checked by control questions.
+//! connection. After a control question has failed twice in a row, the unit is not protected until it has answered the
+//! same read as an ordinary read. Answers to writes are not checked by control questions.
 
 use super::reply_signature::ReplySignature;
 use super::request::ModbusRequest;
 use crate::fieldbus::error::{Fault, PeerFault};
 use crate::fieldbus::request::Request;
 
-/// Maximum number of doublings of the pause after an answer that belongs to an earlier request.
+/// Maximum number of times that the pause of a unit doubles. The pause begins after an answer that belongs to an
+/// earlier request.
 const LONGEST_PAUSE: u8 = 5;
 
 /// State of the order check of one unit. The check detects a Modbus gateway that answers each request with the answer
@@ -42,7 +43,7 @@ pub(in crate::fieldbus) struct OrderCheck {
     /// after the next request.
     failed: Option<Request<'static>>,
     /// Control question (read that checks the order of the answers) that has failed once. After a second failure in a
-    /// row it is no longer used.
+    /// row, the line no longer uses this control question.
     unsure: Option<Request<'static>>,
     /// Number of consecutive answers that belonged to an earlier request.
     pub(in crate::fieldbus) lost: u8,
@@ -162,8 +163,8 @@ impl OrderCheck {
 
     /// Records that a control question (read that checks the order of the answers) failed with this fault. The next
     /// read of another form is then sent without a control question, except if the fault shows that the order is lost.
-    /// If a control question fails twice in a row while other reads are answered, it is no longer used. It is used
-    /// again after the unit has answered the same read as an ordinary read.
+    /// If a control question fails twice in a row while other reads are answered, the line no longer uses it. The line
+    /// uses it again after the unit has answered the same read as an ordinary read.
     pub(in crate::fieldbus) fn record_failed_control(&mut self, control: Request<'static>, fault: Fault) {
         if !matches!(fault, Fault::Caller(_) | Fault::Peer(PeerFault::OutOfOrder)) {
             self.failed = Some(control);

@@ -47,8 +47,8 @@ fn head(request: ModbusRequest<'_>) -> [u8; 5] {
 /// Decodes an answer, and compares it with its request.
 ///
 /// # Errors
-/// The device refuses the request, or the bytes are no answer to it. An exception has exactly two bytes. An exception of
-/// three or four bytes is a fault of its own, because it does not prove that a write was not executed.
+/// The device refuses the request, or the bytes are not an answer to the request. An exception has exactly two bytes.
+/// An exception of three or four bytes is a separate fault, because it does not prove that a write was not executed.
 pub(super) fn answer(request: ModbusRequest<'_>, bytes: &[u8]) -> Result<Answer, Fault> {
     let function = bytes.first().copied().unwrap_or_default();
     if function & !EXCEPTION != request.function() {

@@ -16,7 +16,7 @@ const IN_A_ROW: u32 = 3;
 pub(in crate::fieldbus) struct Pipeline {
     is_on: bool,
     lost: u32,
-    /// Unit and read that are sent together with the next request; `None` if no read is to be sent.
+    /// Unit and read that are sent together with the next request; `None` if the line sends no such read.
     read: Option<(u8, Request<'static>)>,
 }
 

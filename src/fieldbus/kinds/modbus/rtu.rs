@@ -56,12 +56,12 @@ pub struct Rtu {
     came_back: bool,
     /// Frame of the last request. Its echo may arrive even after the timeout of the answer.
     last_question: Vec<u8>,
-    /// Frame of the request before the last one. Its echo may be late.
+    /// Frame of the request before the last request. Its echo may arrive late.
     question_before: Vec<u8>,
     /// Length in bytes of the answer to the last request.
     answer_length: usize,
     /// Discarded input since the last answer. The line searches this input for whole frames, because a whole frame is
-    /// no noise.
+    /// not noise.
     discarded: Vec<u8>,
     /// Unit and form (function and length) of each late answer that may still arrive. `late`: units whose late answers
     /// have arrived.
@@ -245,8 +245,8 @@ impl Rtu {
     }
 
     /// Searches discarded bytes for whole frames. Records late answers, and frames of other masters except exceptions.
-    /// Returns whether the bytes contain an answer of `unit` that is not a late one. `question` is the last sent frame,
-    /// whose echo does not show another master.
+    /// Returns whether the bytes contain an answer of `unit` that is not a late answer. `question` is the last sent
+    /// frame, whose echo does not show another master.
     fn is_unsolicited(&mut self, bytes: &[u8], unit: u8, question: &[u8]) -> bool {
         let mut is_unsolicited = false;
         for Frame { unit: speaker, pdu, is_question } in frame::frames(bytes) {

@@ -1,5 +1,5 @@
-//! Interface of a Modbus connection, in addition to that of every [`Wire`]: late answers, frames of other masters, and
-//! a read that is sent together with another request.
+//! Additional interface of a Modbus connection, besides [`Wire`], the interface of every connection: late answers,
+//! frames of other masters, and a read that is sent together with another request.
 
 use std::time::Duration;
 
@@ -10,14 +10,14 @@ use crate::fieldbus::send_guard::SendGuard;
 use crate::fieldbus::wire::{Boxed, Wire};
 use isotherm_core::quantity::Moment;
 
-/// Whole frame that is neither a request nor an answer of this line: another master uses the line.
+/// Whole frame that belongs to no request of this line: another master uses the line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ForeignFrame {
     /// Unit that the frame addresses, or that sent it.
     pub unit: u8,
     /// Form (function and length) of the answer; `None` if the frame belongs to no read.
     pub form: Option<ReplySignature>,
-    /// Whether the frame is a request.
+    /// Whether the frame is a request of the other master. Otherwise it is an answer.
     pub is_question: bool,
 }
 

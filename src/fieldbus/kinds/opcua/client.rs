@@ -163,7 +163,8 @@ impl OpcUaDial {
     /// Resumes the previous session on this socket; returns `None` if that fails.
     ///
     /// # Errors
-    /// The server rejects the user. The server would also reject a new session, and count one more failure.
+    /// The server rejects the user. The server would also reject the user in a new session, and count another failed
+    /// login.
     async fn take_up(
         &self,
         files: &Files,

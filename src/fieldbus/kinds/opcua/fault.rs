@@ -98,7 +98,7 @@ impl OpcUaFault {
                 "`isotherm opcua trust PROFILE` shows the certificate, and adds it to the trusted ones"
             }
             OpcUaFault::Expired => "renew the certificate at the server, or correct the clock",
-            OpcUaFault::NotProven => "does another device answer instead?",
+            OpcUaFault::NotProven => "does another device answer at this address?",
             OpcUaFault::Weakened => "does a network device change the messages?",
             OpcUaFault::OursExpired => {
                 "move this certificate and its key away, make a new one (`isotherm opcua certificate PROFILE`), and \

@@ -11,7 +11,7 @@ use isotherm_profile::plan::Subscription;
 pub enum NodeRequest<'a> {
     /// Read of the values of these nodes.
     Read(&'a [Node]),
-    /// Latest values of nodes with a subscription.
+    /// Latest values of the nodes of a subscription.
     Latest(&'a Subscription),
     /// Read of the namespaces of the server.
     Namespaces,

@@ -14,8 +14,8 @@ use crate::fieldbus::trace::Tap;
 use crate::fieldbus::wire::Boxed;
 use isotherm_profile::{Bus, Serial, Transport};
 
-/// Number of data bits of the characters that a serial server passes on. The serial server itself has the settings of
-/// the port.
+/// Number of data bits of the characters that a serial server passes on. The user makes the settings of the port at the
+/// serial server itself.
 const OVER_TCP: u8 = 8;
 
 /// Opener of the connections of one line with text.

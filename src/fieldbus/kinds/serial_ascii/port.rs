@@ -1,4 +1,4 @@
-//! Port whose bytes are lines of text.
+//! Port of a device that sends lines of text, and discarding of old input.
 
 use std::io;
 use std::time::Duration;

@@ -37,8 +37,8 @@ impl<'a> Search<'a> {
         }
     }
 
-    /// Returns whether the echo of the request can be recognised at the beginning of a line. A request such as "1"
-    /// cannot, because a value may begin with the same digit.
+    /// Returns whether the echo of the request can be recognised at the beginning of a line. The echo of the request
+    /// "1" cannot be recognised, because a value may begin with the same digit.
     fn is_distinct(&self) -> bool {
         self.echo
             .chars()

@@ -175,7 +175,7 @@ impl TextWire {
     }
 }
 
-/// Returns the reading of a number, or the reason why there is none.
+/// Returns the number as a reading, or a reading with the reason why there is no number.
 fn reading(value: Result<f64, Reason>, asked: Option<Moment>) -> NodeReading {
     let value = value.map(|number| DataType::F64.encode(number.to_bits()));
     NodeReading { value, stamped: Stamped::Unknown, asked }

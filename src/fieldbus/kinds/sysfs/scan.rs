@@ -26,7 +26,7 @@ pub struct Temperature {
     pub read_in: String,
     /// Temperature in °C; `None` if there is no value now.
     pub value: Option<f64>,
-    /// Reason why there is no value; empty if there is one.
+    /// Reason why there is no value; empty if `value` is present.
     pub reason: String,
 }
 

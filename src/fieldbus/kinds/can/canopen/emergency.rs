@@ -24,8 +24,8 @@ pub struct Emergency {
 pub struct ErrorRegister(pub u8);
 
 impl Emergency {
-    /// Returns the node and its message; `None` if the frame is no emergency message, or is too short for the code and
-    /// the register.
+    /// Returns the node and its message; `None` if the frame is not an emergency message, or is too short for the code
+    /// and the register.
     pub fn of(frame: &Frame) -> Option<(NodeId, Emergency)> {
         let node = NodeId::sender(frame, SERVICE)?;
         let [low, high, register, rest @ ..] = frame.data() else { return None };

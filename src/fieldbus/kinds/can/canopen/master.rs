@@ -1,7 +1,7 @@
 //! Master of a CANopen interface. It starts its nodes after every boot-up, detects missing heartbeats, and sends SYNC.
 //!
 //! A node that resets returns to the pre-operational state, and sends no process data before the master starts it
-//! again. A node that was never detected counts as lost, just as one whose heartbeat stopped. The master does not
+//! again. A node that was never detected counts as lost, just as a node whose heartbeat stopped. The master does not
 //! restart a node that another master has stopped.
 //!
 //! The caller passes every frame of [`Master::identifiers`] to [`Master::take`]. It calls [`Master::tick`] at once

@@ -16,7 +16,7 @@ const NMT: u16 = 0x000;
 pub enum NodeState {
     /// The node has just booted, and continues to pre-operational by itself.
     BootedUp,
-    /// The node sends only its heartbeat: neither PDO nor SDO.
+    /// The node sends only its heartbeat, and supports no PDO and no SDO.
     Stopped,
     /// The node supports all services.
     Operational,
@@ -27,8 +27,8 @@ pub enum NodeState {
 }
 
 impl NodeState {
-    /// Returns the node and its state; `None` if the frame is no heartbeat. The top bit of the state byte is ignored:
-    /// in the older node-guarding protocol it alternates.
+    /// Returns the node and its state; `None` if the frame is not a heartbeat. The top bit of the state byte is
+    /// ignored: in the older node-guarding protocol it alternates.
     pub fn of(frame: &Frame) -> Option<(NodeId, NodeState)> {
         let node = NodeId::sender(frame, HEARTBEAT)?;
         let state = match frame.data().first()? & 0x7f {

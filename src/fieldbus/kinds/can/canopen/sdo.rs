@@ -33,8 +33,8 @@ pub fn identifiers(node: NodeId) -> [CanId; 2] {
 pub const LONGEST: usize = 4096;
 
 /// Entries that the client reads after a transfer whose last answer is missing: one entry per such transfer, in
-/// rotation. CiA 301 requires them in every node. One entry alone is not enough: a late answer to its first read would
-/// be mistaken for the answer to its second read.
+/// rotation. CiA 301 requires them in every node. A single entry is not enough: a late answer to the first read of the
+/// entry would be mistaken for the answer to its second read.
 const SETTLERS: [Entry; 4] =
     [Entry::new(0x1000, 0), Entry::new(0x1001, 0), Entry::new(0x1018, 0), Entry::new(0x1018, 1)];
 
@@ -72,7 +72,7 @@ enum Stage {
     /// The node sends segments; the next segment has this toggle bit.
     Reading { length: Option<usize>, bytes: Vec<u8>, toggle: bool },
     /// The client sends segments. The last segment sent has this toggle bit. `sent` counts all bytes sent, including
-    /// those of this segment.
+    /// the bytes of this segment.
     Writing { sent: usize, toggle: bool },
 }
 

@@ -70,12 +70,13 @@ pub(super) fn find_answer(bytes: &[u8], unit: u8, request: ModbusRequest<'_>) ->
     find_before(bytes, unit, incomplete_answer(bytes, unit, request).unwrap_or(bytes.len()))
 }
 
-/// Searches for a frame of `unit`; if there is none, for a frame of another unit. Bytes before the frame are noise.
+/// Searches for a frame of `unit`; if no such frame exists, for a frame of another unit. Bytes before the frame are
+/// noise.
 pub(super) fn find(bytes: &[u8], unit: u8) -> Reply {
     find_before(bytes, unit, bytes.len())
 }
 
-/// Returns the index at which an incomplete answer to this request begins; `None` if there is none.
+/// Returns the index at which an incomplete answer to this request begins; `None` if the bytes contain no such answer.
 fn incomplete_answer(bytes: &[u8], unit: u8, request: ModbusRequest<'_>) -> Option<usize> {
     let (_, length) = lengths(request);
     let mut begin = vec![unit];

@@ -13,8 +13,8 @@ const SURPLUS: usize = 2;
 /// Returns the fault of input that contains no answer. Returns `None` for input that may be noise. Input counts as
 /// noise if it is shorter than the answer, after removal of echoes, and contains no text and no exception.
 ///
-/// `question` is the frame of the request, `before` that of the request before it, and `answer` the length of the
-/// answer.
+/// `question` is the frame of the request, `before` is the frame of the request before it, and `answer` is the length
+/// of the answer.
 pub(super) fn assess(received: &[u8], question: &[u8], before: &[u8], answer: usize) -> Option<PeerFault> {
     let [unit, function, ..] = *question else { return None };
     let left = without_echoes(received, question, before);

@@ -1,6 +1,6 @@
 //! Read that is sent in one segment after another request (`pipeline = 2`). The device receives the read while it
-//! executes the first request. The next request for the same read returns this answer, whose age counts from the time
-//! at which the read was sent.
+//! executes the first request. The next request for the same read returns the answer to it. The age of this answer
+//! counts from the time at which the read was sent.
 
 use crate::fieldbus::error::Fault;
 use crate::fieldbus::kinds::modbus::request::ModbusRequest;
@@ -12,7 +12,7 @@ use isotherm_core::quantity::Moment;
 /// read is open.
 #[derive(Debug, Default)]
 pub(super) struct FollowUpRead {
-    /// Unit and read that are sent directly after the next request; `None` if no read is to be sent.
+    /// Unit and read that are sent directly after the next request; `None` if the line sends no such read.
     next: Option<(u8, ModbusRequest<'static>)>,
     open: Option<SentRead>,
 }
@@ -38,7 +38,7 @@ impl FollowUpRead {
         };
     }
 
-    /// Returns whether a read is to be sent after the next request, or was sent and is unanswered.
+    /// Returns whether the line will send a read after the next request, or has sent a read that is unanswered.
     pub(super) fn is_under_way(&self) -> bool {
         self.next.is_some() || self.unanswered().is_some()
     }

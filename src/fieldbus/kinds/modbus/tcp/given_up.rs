@@ -20,7 +20,7 @@ pub(super) struct SentRequest {
     pub(super) asked: Moment,
 }
 
-/// Given up requests of one connection whose answers have not arrived, and the discarded answers.
+/// Given up requests of one connection that are still unanswered, and the late answers that were discarded.
 #[derive(Debug, Default)]
 pub(super) struct GivenUp {
     requests: Vec<SentRequest>,

@@ -35,7 +35,8 @@ const CLASSES: u32 = 1 | 2;
 const FIELDS: u32 = 63;
 const VARIABLE: i32 = 2;
 const SCALAR: i32 = -1;
-/// Bit of the attribute UserAccessLevel that permits the user to read the value. `MAY_WRITE` permits to write it.
+/// Bit of the attribute UserAccessLevel that permits the user to read the value. `MAY_WRITE` is the bit that permits
+/// writing.
 const MAY_READ: u8 = 1;
 const MAY_WRITE: u8 = 2;
 /// Maximum number of characters of a displayed text; the rest is cut off.
@@ -145,7 +146,8 @@ impl Browser {
     }
 
     /// Browses the nodes from `first` down to `depth` levels, and lists at most `most` of them. Nodes that OPC UA
-    /// itself defines (such as `Server`) are listed, but their child nodes are only browsed if `first` is such a node.
+    /// itself defines (for example `Server`) are listed, but their child nodes are only browsed if `first` is such a
+    /// node.
     ///
     /// # Errors
     /// The node `first` does not exist, or the connection fails.

@@ -32,7 +32,7 @@ use super::files::{application, certificate};
 /// Key length in bits. Every supported security policy accepts it, and even the computer of a small control can process
 /// it.
 const KEY_BITS: usize = 2048;
-/// Time before its creation from which a new certificate is valid. The clock of a control may be slow.
+/// A new certificate is valid from this time before its creation, because the clock of a control may be slow.
 const EARLIER: Duration = Duration::from_hours(24);
 /// Object identifier of the extended key usage "TLS client authentication", which OPC UA requires of a client.
 const OF_A_CLIENT: ObjectIdentifier = ObjectIdentifier::new_unwrap("1.3.6.1.5.5.7.3.2");
@@ -51,7 +51,7 @@ const BROKEN_DIGESTS: [(ObjectIdentifier, &str); 4] = [
 const SHA1_DIGITS: usize = 40;
 const SHA256_DIGITS: usize = 64;
 
-/// Content of a certificate, as far as users compare it.
+/// Content of a certificate that users see and compare, for example the thumbprint.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Certificate {
     /// Subject of the certificate, as text.

@@ -53,8 +53,8 @@ pub(super) struct ChainOpener {
 }
 
 impl ChainOpener {
-    /// Returns an opener for a channel with this policy, between the gateway with the certificate and key `own`, and
-    /// the server with the certificate `server`.
+    /// Returns an opener for a channel with this security policy. `own` is the certificate of the gateway with its key,
+    /// and `server` the certificate of the server.
     pub(super) fn new(own: &(X509, PrivateKey), server: &[u8], policy: SecurityPolicy) -> ChainOpener {
         ChainOpener { own: own.clone(), server: server.to_vec(), policy }
     }

@@ -2,8 +2,8 @@
 //!
 //! - The length of a chunk is limited. Without the limit, the library would allocate the length that a chunk header
 //!   states, up to four gigabytes.
-//! - The first reply of the server is recorded. The library reports every reply that is no acknowledgement as a closed
-//!   connection, so that the reason of the server would be lost.
+//! - The first reply of the server is recorded. The library reports every reply except an acknowledgement as a closed
+//!   connection. The reason that the server states would be lost.
 //! - An answer that opens a secured channel must be from the server. If it contains the server's certificate with its
 //!   chain, [`ChainOpener`] replaces it.
 

@@ -91,8 +91,8 @@ pub(super) fn security_of(endpoint: &EndpointDescription) -> Option<Security> {
     }
 }
 
-/// Returns the rank of the endpoint among those with the same security; 0 is the strongest. Returns `None` if its
-/// policy is not supported.
+/// Returns the rank of the endpoint among the endpoints with the same security; 0 is the strongest. Returns `None` if
+/// its policy is not supported.
 fn rank(endpoint: &EndpointDescription) -> Option<usize> {
     let policy = SecurityPolicy::from_uri(endpoint.security_policy_uri.as_ref());
     match security_of(endpoint)? {

@@ -58,7 +58,7 @@ pub(super) struct Subscribed {
     made: Moment,
     /// Whether the server does not have some of the nodes.
     pub(super) lacks: bool,
-    /// Namespaces of the nodes, and the number of their changes when the subscription was created.
+    /// Namespace table of the server, and its number of changes at the time when the subscription was created.
     namespaces: (NamespaceTable, u64),
     /// Longest time between two messages that the server has promised, with an allowance for the transmission.
     pub(super) patience: Duration,
@@ -119,8 +119,8 @@ impl Revised {
         })
     }
 
-    /// Returns the greatest age that a value can reach in normal operation. It includes sampling, sending, and two
-    /// periods of the polls.
+    /// Returns the greatest age that a value can reach in normal operation. This age includes the sampling period, the
+    /// sending, and two polling periods.
     pub(super) fn oldest(&self, asked: &Subscription) -> Duration {
         let sent = if asked.by_stamp { self.interval } else { self.alive };
         self.sampling + sent + asked.every * 2
@@ -222,7 +222,7 @@ pub(super) async fn subscribe(
     Ok((subscribed, revised))
 }
 
-/// Adds nodes to a subscription. Returns the result for each of them.
+/// Adds nodes to a subscription. Returns the result for each node.
 async fn monitor(
     link: &mut Link,
     session: &Session,
@@ -292,7 +292,7 @@ fn item(node: NodeId, place: usize, asked: &Subscription) -> Option<MonitoredIte
     })
 }
 
-/// Deletes subscriptions at the server that are no longer used, for example those of an earlier connection.
+/// Deletes subscriptions at the server that are no longer used, for example the subscriptions of an earlier connection.
 ///
 /// # Errors
 /// The server does not answer.

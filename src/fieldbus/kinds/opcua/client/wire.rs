@@ -109,7 +109,7 @@ impl OpcUa {
     }
 
     /// Writes each value with the type of its node, all in one call. The values are sent without a time and a quality,
-    /// because many servers accept neither.
+    /// because many servers reject a write with them.
     async fn write(
         &mut self,
         nodes: &[Node],
@@ -188,7 +188,7 @@ fn distinct(nodes: &[Node], known: &[Option<NodeId>]) -> (Vec<NodeId>, Vec<Optio
     (ids, places)
 }
 
-/// Returns the reading of a node whose namespace the server does not have: its status is "no such node".
+/// Returns the reading of a node whose namespace the server does not have. The status of the reading is "no such node".
 fn not_there() -> NodeReading {
     NodeReading { value: Err(Reason::Status(Status::NO_SUCH_NODE.0)), stamped: Stamped::Unknown, asked: None }
 }
