@@ -72,7 +72,7 @@ pub const fn remedy(fault: Fault) -> Option<&'static str> {
              does the device use RTU over TCP?"
         }
         Fault::Peer(PeerFault::Foreign) => "is another master on the line?",
-        Fault::Peer(PeerFault::Unasked) => "is it a late reply, or another master on the same line?",
+        Fault::Peer(PeerFault::Unasked) => "is it a late reply, or is another master on the same line?",
         Fault::Peer(PeerFault::OutOfOrder) => {
             "does the Modbus gateway in front of the device keep late answers? Set the Modbus gateway to \
              discard them, and restart it"

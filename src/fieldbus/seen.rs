@@ -13,7 +13,7 @@ pub struct Seen {
     pub fault: Fault,
     /// Kind and size of the request.
     pub asked: Asked,
-    /// Whether the device answers other requests meanwhile.
+    /// Whether the device answers other requests while this request fails.
     pub others: Others,
 }
 
@@ -37,7 +37,7 @@ pub enum Asked {
 /// Whether a device answers other requests while one request fails.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Others {
-    /// No other request was sent meanwhile, or none was answered.
+    /// No other request was sent meanwhile, or no other request was answered.
     #[default]
     Unknown,
     /// The device has answered another request meanwhile.

@@ -12,8 +12,8 @@ use tokio::net::TcpStream;
 use super::error::{Fault, LinkFault};
 use crate::net::{ConnectError, connect, is_out_of_files};
 
-/// Opens a TCP connection to `host:port`. The system closes it if the other end does not acknowledge data within the
-/// timeout. Closing it discards data that is unsent or not acknowledged.
+/// Opens a TCP connection to `host:port`. The system closes the connection if the other end does not acknowledge data
+/// within the timeout. The close discards data that is unsent or not acknowledged.
 pub(super) async fn connected(address: &str, timeout: Duration) -> Result<TcpStream, Fault> {
     let stream = connect(address).await.map_err(|error| Fault::Link(fault(&error)))?;
     let socket = SockRef::from(&stream);

@@ -92,7 +92,9 @@ impl Tap {
     pub fn listen(&self, device: Option<DeviceId>) -> Result<ExchangeReceiver, String> {
         let mut listeners = locked(&self.0.listeners);
         if listeners.len() >= MOST_LISTENERS {
-            return Err(format!("{MOST_LISTENERS} clients listen to this line already; end one of them"));
+            return Err(format!(
+                "{MOST_LISTENERS} clients already trace this bus line; end one of these clients"
+            ));
         }
         let (to, heard) = mpsc::channel(UNHEARD);
         let dropped = Arc::new(AtomicU64::new(0));

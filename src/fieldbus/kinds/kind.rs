@@ -72,7 +72,8 @@ pub enum ScanKind {
     Other {
         /// Description of the line for a message, for example "a CAN line".
         is: &'static str,
-        /// Advice for the user: another command instead of one that reads registers.
+        /// Advice for the user: the command to use on this line, because commands that read registers do not support
+        /// it.
         instead: &'static str,
         /// Function that scans the line; `None` if no scan is possible.
         scan: Option<ScanFunction>,

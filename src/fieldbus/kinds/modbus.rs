@@ -159,7 +159,7 @@ pub const ASCII_OVER_TCP: BusKind = BusKind {
 };
 
 const ASCII_UNITS: ScanKind = ScanKind::Units {
-    unanswered: "Try other settings, such as data_bits=8&parity=none, or another --register. Check the power of the \
+    unanswered: "Try other settings, for example data_bits=8&parity=none, or another --register. Check the power of the \
                  device, and whether it is set to Modbus ASCII",
     malformed: "",
 };

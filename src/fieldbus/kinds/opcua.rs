@@ -74,7 +74,7 @@ mod not_built_in;
 const fn hint(fault: Fault) -> Option<&'static str> {
     Some(match fault {
         Fault::Timeout => {
-            "is the server busy, or its computer? Then write a longer `timeout` of the bus, or read fewer \
+            "is the server or its computer busy? If so, write a longer `timeout` of the bus, or read fewer \
              nodes less often. Is the control powered and connected to the network?"
         }
         Fault::Link(LinkFault::Refused) => {

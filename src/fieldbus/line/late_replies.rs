@@ -17,7 +17,7 @@ use isotherm_core::quantity::Moment;
 
 impl DeviceLine {
     /// Waits until no late answer of the unit can be mistaken for the answer to this request. Returns an error if there
-    /// is no connection, or if it fails during the wait.
+    /// is no connection, or if the connection fails during the wait.
     pub(super) async fn wait_for_late(&mut self, place: usize, request: Request<'_>) -> Result<(), Fault> {
         let spans = self.spans();
         let (number, is_behind_gateway) =

@@ -108,7 +108,8 @@ impl DeviceLine {
         answer
     }
 
-    /// Returns whether the connection is kept after a timeout. If so, the wire discards the late answer.
+    /// Returns whether the line keeps the connection after a timeout. If so, the wire discards the late answer when it
+    /// arrives.
     fn keeps_connection(&mut self) -> bool {
         let most = MISSES.max(self.units.count() + 1);
         self.after_timeout == AfterTimeout::Keep

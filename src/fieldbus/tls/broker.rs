@@ -1,4 +1,5 @@
-//! TLS client for an MQTT broker: the authorities that it trusts, and its own certificate if the profile names one.
+//! TLS client for an MQTT broker: the authorities that it trusts, and its own certificate if the profile names such a
+//! certificate.
 
 use std::sync::Arc;
 
@@ -19,7 +20,7 @@ pub fn broker(mqtt: &Mqtt) -> Result<Option<Arc<ClientConfig>>, Vec<ProfileError
     let ca = mqtt.ca.as_ref();
     let builder = trusting(ca.map(|ca| ca.bytes.as_slice())).map_err(|why| {
         vec![ca.map_or_else(
-            || mqtt.invalid(&why, "write `ca` in `tls`, as tls = { ca = \"…\" }"),
+            || mqtt.invalid(&why, "write `ca` into `tls`, for example tls = { ca = \"…\" }"),
             |ca| ca.invalid(&why),
         )]
     })?;

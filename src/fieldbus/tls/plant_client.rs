@@ -79,7 +79,7 @@ pub(super) fn showing(
     })
 }
 
-/// Returns the authorities in the first of these files that contains any.
+/// Returns the authorities in the first of these files that contains at least one authority.
 fn of_this_computer<'a>(bundles: impl IntoIterator<Item = &'a Path>) -> Result<RootCertStore, String> {
     for bundle in bundles {
         let mut roots = RootCertStore::empty();

@@ -103,7 +103,7 @@ async fn a_listener_hears_its_own_device_only_and_there_are_four_at_most() {
     asked(&tap, &GOOD).await.unwrap();
     assert!(own.next_now().is_some() && other.next_now().is_none());
     let _others = (tap.listen(None).unwrap(), tap.listen(None).unwrap());
-    assert!(tap.listen(None).unwrap_err().contains("4 clients listen"));
+    assert!(tap.listen(None).unwrap_err().contains("4 clients already trace"));
 }
 
 #[test]

@@ -192,7 +192,7 @@ fn files_that_are_of_no_use_are_told_at_their_keys() {
     std::fs::copy(directory.path().join("server.pem"), directory.path().join("other.pem")).unwrap();
     let text = machine(1, &secured("sign-and-encrypt", "own", "")).replace("own.pem", "other.pem");
     let said = opcua_check::check(&profile(&text, directory.path())).unwrap_err().to_string();
-    assert!(said.contains("other.pem: the key is not the key of the certificate own.der"), "{said}");
+    assert!(said.contains("other.pem: the key does not belong to the certificate own.der"), "{said}");
     let text = machine(1, &secured("sign-and-encrypt", "own", "")).replace("own.der", "own.pem");
     let said = opcua_check::check(&profile(&text, directory.path())).unwrap_err().to_string();
     assert!(said.contains("own.pem: the file is not a certificate in DER or PEM form"), "{said}");

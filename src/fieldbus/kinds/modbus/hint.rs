@@ -186,7 +186,7 @@ impl Sight {
     }
 }
 
-/// Returns the advice on a failed request; `None` if the table has none for it.
+/// Returns the advice on a failed request; `None` if the table has no advice on this request.
 pub(in crate::fieldbus) fn advice(seen: Seen) -> Option<Advice> {
     Sight::of(seen).map(Sight::advice)
 }

@@ -265,7 +265,7 @@ impl PendingReplies {
         Some(last.missed.after(passed))
     }
 
-    /// Returns the time of the first attempt, if this request repeats an unanswered one.
+    /// Returns the time of the first attempt, if this request repeats an unanswered request; otherwise `None`.
     pub(in crate::fieldbus) fn first_asked(&self, request: Request<'_>) -> Option<Moment> {
         let same = self.late.iter().filter(|late| late.is_same(request) && !late.is_answered);
         same.map(|late| late.asked).min()

@@ -49,7 +49,7 @@ pub struct ModbusTcp {
     /// State of the random number generator for transaction numbers.
     drawn: u64,
     question: Vec<u8>,
-    /// Receive buffer; its first `filled` bytes are received and not processed.
+    /// Receive buffer; its first `filled` bytes are received and not processed yet.
     received: Box<[u8; 2 * LONGEST]>,
     filled: usize,
     behind: FollowUpRead,

@@ -109,8 +109,8 @@ pub trait ModbusWire: Wire {
         Box::pin(std::future::ready(Ok(())))
     }
 
-    /// Sets a read to send together with the next request. The next request for the same read receives its answer. A
-    /// wire without transaction numbers ignores it.
+    /// Sets a read to send together with the next request. The next request for the same read receives the answer to
+    /// it. A wire without transaction numbers ignores this call.
     fn set_follow_up(&mut self, _read: Option<(u8, Request<'static>)>) {}
 
     /// Returns true if a read that was set by [`ModbusWire::set_follow_up`] waits to be sent, or was sent and is

@@ -95,7 +95,7 @@ impl OpcUaFault {
                 "write a `security` and a kind of `user` that are switched on at the server"
             }
             OpcUaFault::NotTrusted => {
-                "`isotherm opcua trust PROFILE` shows the certificate, and adds it to the trusted ones"
+                "`isotherm opcua trust PROFILE` shows the certificate, and adds it to the trusted certificates"
             }
             OpcUaFault::Expired => "renew the certificate at the server, or correct the clock",
             OpcUaFault::NotProven => "does another device answer at this address?",
@@ -105,7 +105,7 @@ impl OpcUaFault {
                  trust it at the server"
             }
             OpcUaFault::OursRefused => {
-                "add this certificate to the trusted ones of the server. A running gateway tries again after 5 \
+                "add this certificate to the trusted certificates of the server. A running gateway tries again after 5 \
                  minutes, or at once after `isotherm restart PROFILE --keep`"
             }
             OpcUaFault::OurFiles => "`isotherm check` says why",
@@ -119,8 +119,8 @@ impl OpcUaFault {
             }
             OpcUaFault::NotYetValid | OpcUaFault::Clock => "correct the clock that is wrong",
             OpcUaFault::Refused(status) if status.is(Status::URL_INVALID) => {
-                "write the path of the server too, as /plc in opc.tcp://192.168.0.10:4840/plc. The server's own display \
-                 or manual names it"
+                "write the path of the server too, for example /plc in opc.tcp://192.168.0.10:4840/plc. The server's own \
+                 display or manual shows the path"
             }
             OpcUaFault::Refused(_) => "the server's own log or display says why",
         }

@@ -31,7 +31,7 @@ const LAST_ADDRESS: u8 = 0x1f;
 const SUM_DIGITS: usize = 2;
 /// Value of the key `text` for a profile, if the received line contains no number that a pattern could describe.
 const NO_PATTERN: &str =
-    "\"{number}\"   # no pattern was found for this line: write it here, with {number} for the value";
+    "\"{number}\"   # no pattern was found for this text: write a pattern here, with {number} for the value";
 /// Minimum length of a line in characters, from which the scan can detect a parity bit.
 const LEAST_WITH_PARITY: usize = 4;
 
@@ -164,18 +164,18 @@ fn described(address: &str, found: &[Found], is_endless: bool) -> ScanReport {
         Some(best) => match found.iter().find_map(Found::parity) {
             Some(parity) => Err(format!(
                 "the eighth bit of the characters at {address} is a parity bit: the device sends seven data bits with \
-                 {parity} parity. Set data_bits = 7 and parity = \"{parity}\" for a port of this computer, or the same \
-                 at the serial server"
+                 {parity} parity. Set data_bits = 7 and parity = \"{parity}\" for a port of this computer, or make \
+                 the same settings at the serial server"
             )),
             None => Ok(("text", best.profile())),
         },
         None if is_endless => Err(format!(
             "characters arrived from {address}, but no end of a line (carriage return or line feed) in {seconds} s. \
-             Are baud rate, data bits and parity those of the device? Texts without such an end cannot be read"
+             Do baud rate, data bits and parity match the device? Texts without such an end cannot be read"
         )),
         None => Err(format!(
-            "no text arrived from {address} in {seconds} s, and no device answered. Are baud rate, data bits and \
-             parity those of the device? Is the device set to send, for example by a key or a parameter? The scan sends \
+            "no text arrived from {address} in {seconds} s, and no device answered. Do baud rate, data bits and \
+             parity match the device? Is the device set to send, for example by a key or a parameter? The scan sends \
              Ctrl-B, `?`, `1`, `GA00` and `Q`, and searches for DCON modules at the addresses 00 to {LAST_ADDRESS:02X}",
         )),
     };

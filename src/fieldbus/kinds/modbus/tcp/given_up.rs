@@ -12,7 +12,7 @@ use isotherm_core::quantity::Moment;
 /// the answer to the replaced request arrives, the connection is closed.
 const MOST: usize = 16;
 
-/// Request that was sent.
+/// Request that was sent, with the numbers by which the wire recognises its answer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct SentRequest {
     pub(super) transaction: u16,

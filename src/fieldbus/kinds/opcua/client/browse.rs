@@ -91,7 +91,7 @@ pub struct Value {
     pub is_readable: bool,
     /// Whether the user of this session may write the variable.
     pub is_writable: bool,
-    /// Value as text; `None` if the server sent none.
+    /// Value as text; `None` if the server sent no value.
     pub value: Option<String>,
 }
 

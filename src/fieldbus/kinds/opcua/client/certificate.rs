@@ -193,7 +193,8 @@ fn in_pairs(digits: &str) -> String {
     pairs.collect::<Vec<_>>().join(":")
 }
 
-/// Creates a certificate for this subject, application URI and host, signed with its own key. Returns it with that key.
+/// Creates a certificate for this subject, application URI and host, signed with its own key. Returns the certificate
+/// with this key.
 ///
 /// # Errors
 /// A sentence for the user, if a name is not allowed in a certificate, or the system provides no random numbers.

@@ -165,7 +165,7 @@ impl Link {
         Ok(Link { channel, events, state, is_broken: false })
     }
 
-    /// Waits for an answer of the server. Meanwhile, it processes the events of the socket.
+    /// Waits for an answer of the server, and meanwhile processes the events of the socket.
     pub(super) async fn ask<T>(
         &mut self,
         answer: impl Future<Output = Result<T, Error>>,

@@ -127,7 +127,7 @@ impl<R> Chunks<R> {
         Ok(())
     }
 
-    /// Fills the buffer with bytes of complete chunks. Returns false if there are none.
+    /// Fills the buffer with bytes of complete chunks. Returns false if no bytes are left.
     fn fill(&mut self, buffer: &mut ReadBuf<'_>) -> bool {
         let rest = &self.complete[self.passed..];
         let count = rest.len().min(buffer.remaining());

@@ -1,4 +1,4 @@
-//! Choice of an endpoint: the strongest that server and gateway support, among those that the profile allows.
+//! Choice of an endpoint: the strongest endpoint that the server and the gateway support and the profile allows.
 
 use ::opcua::client::IdentityToken;
 use ::opcua::crypto::SecurityPolicy;

@@ -44,8 +44,8 @@ impl Files {
             None => APPLICATION.to_owned(),
             Some(((cert, _), (parsed, _))) => application(parsed).unwrap_or_else(|| {
                 wrong.push(cert.invalid(
-                    "the certificate contains no application URI, which servers check: add it as a URI to its \
-                     subjectAltName",
+                    "the certificate contains no application URI, which servers check: add the URI to the \
+                     subjectAltName of the certificate",
                 ));
                 String::new()
             }),
@@ -124,7 +124,7 @@ pub(super) fn pair(
     let (parsed, secret) = (parsed?, secret?);
     let of_cert = Certificate::from_der(&parsed.to_der().ok()?).ok()?.tbs_certificate.subject_public_key_info;
     if secret.public_key_to_info().ok()? != of_cert {
-        wrong.push(key.invalid(&format!("the key is not the key of the certificate {}", cert.name)));
+        wrong.push(key.invalid(&format!("the key does not belong to the certificate {}", cert.name)));
         return None;
     }
     Some((parsed, secret))

@@ -1,5 +1,5 @@
-//! Containment of panics in the OPC UA library. Some input from a peer can cause a panic; it then is a fault of this
-//! line, and must not end the gateway.
+//! Containment of panics in the OPC UA library. Some input from a peer can cause a panic; the panic is then a fault of
+//! this bus line, and must not end the gateway.
 
 use std::future::Future;
 use std::pin::pin;

@@ -31,8 +31,8 @@ pub(in crate::fieldbus) fn read(server: &OpcUaServer) -> Result<ServerFiles, Vec
         own = parsed.to_der().ok().map(|der| (der, key.bytes.clone()));
         if uri.is_none() {
             wrong.push(cert.invalid(
-                "the certificate contains no application URI, which clients check: add it as a URI to its \
-                 subjectAltName",
+                "the certificate contains no application URI, which clients check: add the URI to the \
+                 subjectAltName of the certificate",
             ));
         }
     }

@@ -288,7 +288,7 @@ impl Session {
         Ok(Limits { read, write })
     }
 
-    /// Reads one operation limit of the server; `usize::MAX` if it has none.
+    /// Reads one operation limit of the server; `usize::MAX` if the server has no such limit.
     pub(super) async fn most(&self, link: &mut Link, limit: VariableId) -> Result<usize, Error> {
         let most = match self.value(link, limit).await? {
             Some(Variant::UInt32(most)) if most > 0 => usize::try_from(most).ok(),

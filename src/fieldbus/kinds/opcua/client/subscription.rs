@@ -115,7 +115,7 @@ impl Revised {
             return Some(format!("the server sends every {:?}, not every {:?}", self.interval, asked.every));
         }
         is_slower(self.sampling).then(|| {
-            format!("the server samples its nodes every {:?}, not every {:?}", self.sampling, asked.every)
+            format!("the server samples the nodes every {:?}, not every {:?}", self.sampling, asked.every)
         })
     }
 
