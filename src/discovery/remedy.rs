@@ -54,9 +54,11 @@ pub fn remedy(fault: Fault, question: Question<'_>) -> String {
             };
             format!("unit {unit}, {span} ({modicon}): {said}{below}")
         }
-        (_, Some(3)) => format!("unit {unit}, --count {count}: {said}. Try a smaller --count"),
+        (_, Some(3)) => {
+            format!("unit {unit}, read of {count} registers or bits: {said}. Try a smaller --count")
+        }
         (Fault::Peer(PeerFault::Length), _) => {
-            format!("unit {unit}, --count {count}: {said}{}", fewer(values))
+            format!("unit {unit}, read of {count} registers or bits: {said}{}", fewer(values))
         }
         (Fault::Peer(PeerFault::Malformed), _) => match line.kind().scan {
             ScanKind::Units { malformed, .. } => format!("{line}: {said}{malformed}"),

@@ -270,10 +270,7 @@ mod tests {
     #[test]
     fn what_a_server_says_of_a_write_has_a_remedy_of_its_own() {
         let said = explain_on(Transport::OpcUa, Fault::Status(Status::WRITE_NOT_SUPPORTED)).to_string();
-        assert!(
-            said.contains("BadWriteNotSupported: the server does not let this node be written"),
-            "{said}"
-        );
+        assert!(said.contains("BadWriteNotSupported: the server does not accept a value without"), "{said}");
         let unreadable = Fault::Unreadable { reason: Reason::Status(Status::NO_SUCH_NODE.0), place: 2 };
         assert!(explain_on(Transport::OpcUa, unreadable).to_string().contains("there is no such node"));
         assert_eq!((unreadable.blame(), unreadable.is_refusal()), ("exception", true));

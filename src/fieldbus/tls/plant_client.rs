@@ -112,6 +112,8 @@ mod tests {
         let none = home.path().join("not-there.pem");
         let found = of_this_computer([none.as_path(), &empty, &full]).unwrap();
         assert_eq!(found.len(), 1);
-        assert!(of_this_computer([none.as_path(), &empty]).unwrap_err().contains("name one with `ca`"));
+        assert!(
+            of_this_computer([none.as_path(), &empty]).unwrap_err().contains("file of authorities into `ca`")
+        );
     }
 }

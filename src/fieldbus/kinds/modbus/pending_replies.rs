@@ -46,7 +46,7 @@ pub(in crate::fieldbus) struct PendingReplies {
     anything: Option<Silence>,
     late: Vec<MissingReply>,
     /// Number of answers in time since the last late answer. `longest`: longest answer time among the last `PROOF`
-    /// answers, and among the `PROOF` before.
+    /// answers, and among the `PROOF` answers before them.
     in_time: u32,
     longest: [Duration; 2],
     /// Number of consecutive requests without an answer in time.
