@@ -73,15 +73,15 @@ const IN_QUESTION: &str = "the saved state was rejected (see the events) or was 
 /// Maximum time that the end of a run waits until the state is on disk.
 const LAST_PATIENCE: Duration = Duration::from_secs(5);
 
-/// Interval at which a stop reports its remaining time to the service manager (systemd).
+/// Interval of the messages to the service manager (systemd) about the remaining time of a stop.
 const TOLD_EVERY: Duration = Duration::from_secs(1);
-/// Interval at which a stop checks whether all fault actions have ended.
+/// Interval of the checks whether all fault actions have ended, during a stop with fault actions.
 const ENDED_EVERY: Duration = Duration::from_millis(100);
-/// Interval at which a stop without movement checks whether all exchanges have ended. The axes make no decisions during
-/// this time, so the interval is short.
+/// Interval of the checks whether all exchanges have ended, during a stop without fault actions. The interval is
+/// short, because no axis is corrected during such a stop.
 const SETTLED_EVERY: Duration = Duration::from_millis(5);
 
-/// Maximum number of events of earlier runs that the gateway shows after its start.
+/// Maximum number of events from before the start that the gateway still shows.
 const RECALLED: usize = 100;
 
 /// Gateway of one profile. [`Gateway::new`] creates it, and [`Gateway::run`] runs it.
@@ -97,18 +97,18 @@ pub struct Gateway {
 pub struct Outcome {
     /// Whether a task failed. The events contain the cause.
     pub failed: bool,
-    /// Whether the fault actions ended within their time.
+    /// Whether all fault actions ended within their time limit. Also true if the stop has no fault actions.
     pub rested: bool,
     /// Sentence about the values that stay in the registers after the run.
     pub left: String,
-    /// State for the program that replaces this gateway. It is `None` unless the run ended because another program
-    /// replaces this gateway. Such an end moves no axis.
+    /// State for the program that replaces this gateway; `None` if the run ended for another reason. A replacement
+    /// moves no axis.
     pub handover: Option<Handover>,
 }
 
 impl Gateway {
-    /// Creates the gateway of a profile. For each bus, in the order of the profile, the function registers one sleeper
-    /// (timer of a task) with the clock.
+    /// Creates the gateway of a profile. The function registers one sleeper (timer of a task) with the clock for each
+    /// bus, in the order of the profile.
     pub fn new(mut profile: Profile, clock: &Clock, options: Options) -> Gateway {
         if let Some(Pace { polls, axes }) = options.pace {
             profile.devices.iter_mut().for_each(|device| device.every = polls);
@@ -190,14 +190,15 @@ impl Gateway {
         Arc::new(ApiBackend::new(self.shared.clone(), directory))
     }
 
-    /// Returns the handle that lets another program replace this gateway. `socket` is the path of the command socket.
+    /// Returns the handle by which `program` can replace this gateway. `socket` is the path of the gateway's command
+    /// socket.
     pub fn successor(&self, program: Program, socket: PathBuf) -> Successor {
         Successor::new(self.shared.clone(), program, socket)
     }
 
-    /// Runs until `shutdown` is ready, a task fails, or another program takes over. For a shutdown, the axes then run
-    /// their fault actions, or the registers keep their values, as the profile requires. When `hurry` is ready, this
-    /// phase ends early.
+    /// Runs the gateway until `shutdown` is ready, a task fails, or another program takes over. After a shutdown, the
+    /// axes run their fault actions, or the registers keep their values, as the profile requires. When `hurry` is
+    /// ready, the gateway no longer waits for the fault actions.
     pub async fn run(
         mut self,
         shutdown: impl Future<Output = ()>,
@@ -273,16 +274,16 @@ impl Gateway {
         (left, failed)
     }
 
-    /// Prevents new exchanges of outputs, and waits until all `lines` have finished the running ones. Returns `false`
-    /// if that takes too long.
+    /// Forbids new exchanges of the outputs, and waits until the running exchanges of all `lines` (number of bus
+    /// lines) have ended. Returns `false` if they do not end in time.
     async fn outputs_idle(&self, lines: usize) -> bool {
         self.shared.limit_lines(LineWork::WithoutOutputs);
         let within = stop::hold(&self.shared.profile);
         self.wait_until((within, SETTLED_EVERY), |shared| shared.resting_lines() >= lines).await
     }
 
-    /// Reports changes that a newer program made in the templates of the profile. Each change is reported once, at the
-    /// first start.
+    /// Reports each device template that has changed since the last run, because a newer version of the program
+    /// contains it. Each change is reported once.
     fn report_templates(&self) {
         let Some(directory) = self.options.directory.as_deref().filter(|_| self.options.has_threads) else {
             return;
@@ -295,8 +296,8 @@ impl Gateway {
         }
     }
 
-    /// Records that a task failed. Always returns the stop with fault actions, even if the profile keeps the register
-    /// values at an ordinary stop.
+    /// Records that a task failed. Returns a stop with fault actions, even if the profile sets that the registers
+    /// keep their values at a stop.
     fn failed(&self) -> Option<OnStop> {
         self.shared.core().failed = true;
         Some(OnStop::FaultAction)
@@ -321,7 +322,7 @@ impl Gateway {
         }
     }
 
-    /// Stops the decisions of all axes, and waits for running exchanges, because another program takes over.
+    /// Stops the corrections of all axes, and waits for running exchanges, because another program takes over.
     async fn settle(&self) {
         let within = shutdown::begin_stop(&self.shared, OnStop::Hold);
         self.shared.report(&Event::Stopping { holds: true, within });
@@ -329,8 +330,8 @@ impl Gateway {
         self.settled(within).await;
     }
 
-    /// Waits, at most for `within`, until no exchange is running for any register. A timeout is no failure: the next
-    /// start continues to wait.
+    /// Waits until no exchange with a register is running, at most for `within`. A timeout is not an error, because
+    /// the next run waits for the late writes.
     async fn settled(&self, within: Duration) {
         let _ = self.wait_until((within, SETTLED_EVERY), shutdown::has_settled).await;
     }
@@ -439,8 +440,8 @@ impl Gateway {
         lines.insert(tasks.spawn(again.run(listener)).id(), bus);
     }
 
-    /// Waits until all strobe signals are reset, but not longer than three timeouts of the slowest bus. A strobe signal
-    /// requests the control to take the written values.
+    /// Waits until all strobe signals are reset, but not longer than three timeouts of the slowest bus. A strobe
+    /// signal tells the control to accept the written values.
     async fn release_strobes(&self) {
         if !shutdown::leave(&self.shared) {
             return;

@@ -1,10 +1,10 @@
-//! Claims: each gateway of this computer claims the registers that it writes to, so that no second gateway writes to
-//! the same registers.
+//! Claims: each gateway of this computer publishes a claim, the list of registers that it writes to. A second gateway
+//! that would write to one of these registers does not start.
 //!
 //! A gateway that writes listens on an abstract socket of its network namespace, and sends its claim to each client
-//! (module `sockets`). An abstract socket needs no directory and no permission. Every user can see it, and it vanishes
-//! with its process. A bus address means the same device to all programs of one network namespace, so the claim need
-//! not be visible outside.
+//! (module `sockets`). An abstract socket needs no directory and no permission. Every user can see it, and it
+//! vanishes with its process. A bus address means the same device to all programs of one network namespace, so a
+//! claim need not be visible outside this namespace.
 //!
 //! A gateway that starts opens its own socket first, and then compares its claim with the others. If two gateways start
 //! at the same moment, the one with the lower random number continues.
@@ -24,7 +24,7 @@ use sockets::{Answer, Listener};
 
 mod sockets;
 
-/// Maximum time to wait until another gateway that starts at the same moment has given way.
+/// Maximum wait for another gateway that starts at the same moment and must end.
 const PATIENCE: Duration = Duration::from_secs(5);
 const LOOK_AGAIN: Duration = Duration::from_millis(20);
 
@@ -37,7 +37,8 @@ struct Claim {
     machine: String,
     /// State directory of the gateway that makes the claim.
     state: PathBuf,
-    /// Whether the gateway has compared its claim with the others, and writes.
+    /// Whether the claim is valid: the gateway has compared its claim with the claims of the other gateways, and may
+    /// write.
     is_held: bool,
     lines: Vec<Line>,
 }
@@ -47,7 +48,7 @@ struct Claim {
 struct Line {
     /// Address of the bus, as in the profile.
     address: String,
-    /// Canonical names of the bus address. Two buses with a common name are the same.
+    /// Canonical names of the bus address. Two addresses with a common name lead to the same bus.
     names: Vec<String>,
     places: BTreeSet<String>,
 }
@@ -74,7 +75,8 @@ impl Claim {
         self.lines.iter().flat_map(|line| &line.names).map(String::as_str).collect()
     }
 
-    /// Returns a register that both gateways write to, as text for a message. `None` if there is none.
+    /// Returns a register to which both gateways write, as text for a message. `None` if they have no common
+    /// register.
     fn shares_with(&self, other: &Claim) -> Option<String> {
         let mut named: BTreeMap<&str, Vec<&Line>> = BTreeMap::new();
         for line in &other.lines {
@@ -89,10 +91,11 @@ impl Claim {
     }
 }
 
-/// Claims every register that a gateway with this profile writes to, until the process ends. Returns a reason if some
-/// other gateways cannot be checked.
+/// Claims every register to which a gateway with this profile writes, until the process ends. Returns a sentence with
+/// the reason if another gateway could not be checked.
 ///
 /// # Errors
+///
 /// Another gateway of this computer writes to one of the registers. The error is a message for the operator.
 pub fn claim(profile: &Profile, directory: &Path) -> Result<Option<String>, String> {
     let claim = Claim::of(profile, directory);
@@ -118,8 +121,9 @@ pub fn could_claim(profile: &Profile, directory: &Path) -> Result<(), String> {
     compare_with_others(&claim, |other| other.process == parent && other.state == directory).map(drop)
 }
 
-/// Compares a claim with those of all other gateways, except the ignored ones. If another gateway starts at the same
-/// moment, waits until it has given way. Returns a reason if some gateway cannot be checked.
+/// Compares the own claim with the claims of all other gateways, except those for which `is_ignored` is true. If
+/// another gateway starts at the same moment, the gateway with the lower random number waits until the other gateway
+/// has ended. Returns a sentence with the reason if a gateway could not be checked.
 fn compare_with_others(own: &Claim, is_ignored: impl Fn(&Claim) -> bool) -> Result<Option<String>, String> {
     let begun = BootClock::default().passed();
     loop {
@@ -166,8 +170,9 @@ fn compare_with_others(own: &Claim, is_ignored: impl Fn(&Claim) -> bool) -> Resu
     }
 }
 
-/// Returns whether both claims have the same machine name and state directory, and the gateway answers on its command
-/// socket. Opening the command socket then refuses the second gateway.
+/// Returns whether both claims have the same machine name and state directory, and the gateway of `other` answers on
+/// its command socket. Such claims are not compared, because the second gateway fails when it opens its command
+/// socket.
 fn is_same_gateway(own: &Claim, other: &Claim) -> bool {
     let socket = control::path(&own.state, &own.machine);
     socket == control::path(&other.state, &other.machine) && control::presence(&socket) != Presence::Absent

@@ -1,4 +1,4 @@
-//! Canonical names of bus addresses: all spellings of one address have a common name.
+//! Canonical names of bus addresses. Two spellings of the same address have a common canonical name.
 
 use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr, ToSocketAddrs, UdpSocket};
 use std::sync::mpsc::channel;
@@ -9,13 +9,14 @@ use crate::fieldbus::kinds;
 use crate::fieldbus::kinds::kind::LinePlace;
 use isotherm_profile::Bus;
 
-/// Maximum time to resolve all host names. A name that is not resolved in this time is compared as text.
+/// Maximum time for the resolution of all host names. A host name that is not resolved in this time is compared as
+/// text.
 const PATIENCE: Duration = Duration::from_secs(2);
 
 /// Address that Debian's /etc/hosts assigns to the computer's own name.
 const OWN_NAME: Ipv4Addr = Ipv4Addr::new(127, 0, 1, 1);
 
-/// Returns the canonical names of each bus. Two buses with a common name are the same line.
+/// Returns the canonical names of the address of each bus. Two addresses with a common name lead to the same line.
 pub(super) fn of_each(buses: &[&Bus]) -> Vec<Vec<String>> {
     let places: Vec<LinePlace> = buses.iter().map(|bus| (kinds::of(bus.transport).place)(bus)).collect();
     let hosts: Vec<Option<String>> = places.iter().map(host_and_port).collect();
@@ -39,13 +40,12 @@ fn host_and_port(place: &LinePlace) -> Option<String> {
     if let LinePlace::Host(host) = place { Some(host.clone()) } else { None }
 }
 
-/// Parses a numeric address with its port. Returns an empty list for a host name, which must be resolved.
+/// Parses a numeric address with its port. Returns an empty list if `host` is a name, which must first be resolved.
 fn numeric(host: Option<&str>) -> Vec<SocketAddr> {
     host.and_then(|host| host.parse().ok()).into_iter().collect()
 }
 
-/// Resolves the host names in a thread, so that a name server that does not answer delays the start only for a limited
-/// time.
+/// Resolves the host names in a thread, so that a silent name server delays the start only for a limited time.
 fn resolve(hosts: &[Option<String>], found: &mut [Vec<SocketAddr>]) {
     let wanted: Vec<(usize, String)> = hosts
         .iter()
@@ -78,8 +78,8 @@ fn tcp(address: SocketAddr) -> String {
     if is_this_computer(ip) { format!("tcp this computer:{port}") } else { format!("tcp {ip}:{port}") }
 }
 
-/// Returns whether the address is a usual address of this computer. Other loopback addresses may be separate devices of
-/// a simulation.
+/// Returns whether the address is a usual address of this computer. Any other loopback address may be a separate
+/// device of a simulation, so the result is then `false`.
 fn is_this_computer(ip: IpAddr) -> bool {
     match ip {
         IpAddr::V4(ip) if ip.is_loopback() => ip == Ipv4Addr::LOCALHOST || ip == OWN_NAME,

@@ -1,4 +1,5 @@
-//! States of signals, devices, outputs and axes, each in its own type. The types use no lock and no disk.
+//! States of signals, devices, outputs and axes, each in its own type. The code of these types uses no lock and no
+//! disk.
 
 pub(super) mod arming;
 pub(super) mod causes;

@@ -16,8 +16,8 @@ use crate::observe::status::{Answer, Command, GatewayApi, ReleaseRequest, Status
 use isotherm_core::compensation::MeasuredReport;
 use isotherm_core::quantity::{Moment, time};
 
-/// Access of web page, API and command socket to the gateway. One handle reads the state, the other one carries out
-/// commands.
+/// Implementation of the interface for the web page, the API and the command socket. One handle reads the state, the
+/// other handle carries out commands.
 pub(in crate::gateway) struct ApiBackend {
     page: PageHandle,
     commands: CommandHandle,
@@ -106,7 +106,8 @@ impl GatewayApi for ApiBackend {
 }
 
 impl PageHandle {
-    /// Passes the events since `since` to `found`: those on disk, then those that are not on disk yet.
+    /// Passes all events since `since` to `found`: first the events on disk, then the events that are not yet on
+    /// disk.
     fn events(&self, since: Moment, found: &mut dyn FnMut(FileItem) -> bool) -> std::io::Result<()> {
         let journal = &self.shared.journal;
         let is_since = |entry: &Entry| time::parse(&entry.at).is_ok_and(|at| at >= since);

@@ -30,13 +30,15 @@ const NO_ZERO: &str = "nothing is captured: no model and no datum of the chosen 
 /// Handle that carries out commands on the shared state.
 pub(super) struct CommandHandle(pub(super) Arc<Shared>);
 
-/// Returns the axes of a command, for the rate limit. A command for an unknown axis has [`RateSubject::Nothing`].
+/// Returns the axes of a command as subjects of the rate limit. A command for an unknown axis has the subject
+/// [`RateSubject::Nothing`].
 fn about<E>(axes: Result<&[usize], E>) -> Vec<RateSubject> {
     let each = |axes: &[usize]| axes.iter().map(|axis| RateSubject::Axis(*axis)).collect();
     axes.map_or_else(|_| vec![RateSubject::Nothing], each)
 }
 
-/// Returns the index of the only chosen axis. The error is a message that asks for the name of an axis.
+/// Returns the index of the chosen axis. If several axes are chosen, the error is a message that tells the user to
+/// choose one.
 fn one(chosen: &[usize]) -> Result<usize, String> {
     match chosen {
         [one] => Ok(*one),
@@ -150,8 +152,8 @@ impl CommandHandle {
         PresentTime { machine: self.0.clock.now(), passed: BootClock::default().passed() }
     }
 
-    /// Checks the rate limit of a command. The error is the answer to the sender if the same command was accepted less
-    /// than a second ago.
+    /// Applies the rate limit to a command. The error is the answer to the sender if the gateway accepted the command
+    /// for one of these axes less than a second ago.
     fn takes(&self, verb: &'static str, about: &[RateSubject]) -> Result<(), Answer> {
         if self.0.rates().take(verb, about, self.now()) {
             return Ok(());
@@ -167,8 +169,8 @@ impl CommandHandle {
         )))
     }
 
-    /// Returns the indices of the chosen axes. Axes that return a released register to its base value are left out,
-    /// because only `isotherm release` moves them.
+    /// Returns the indices of the chosen axes. The result does not contain an axis that returns a released register
+    /// to its base value, because only `isotherm release` moves such an axis.
     fn chosen(&self, axis: Option<&str>) -> Result<Vec<usize>, String> {
         let mut places = self.named(axis)?;
         places.retain(|place| !self.0.profile.is_release(AxisId(*place)));
@@ -202,7 +204,7 @@ impl CommandHandle {
         })
     }
 
-    /// Requests to arm the chosen axes, and arms them at once if possible. If arming is refused at once, the answer
+    /// Requests to arm the chosen axes, and arms them at once if possible. If an axis cannot be armed, the answer
     /// contains the reason.
     fn arm(
         &self,
@@ -245,8 +247,8 @@ impl CommandHandle {
         self.progress(&core, axis)
     }
 
-    /// Returns the indices of the chosen axes that can be armed because they have a model, and the names of those
-    /// without a model. The error explains why none can be armed.
+    /// Returns the indices of the chosen axes that have a model, and the names of the chosen axes without a model.
+    /// The error explains why none of the axes can be armed.
     fn armable(&self, axis: Option<&str>) -> Result<(Vec<usize>, Vec<&str>), Explained> {
         let profile = &self.0.profile;
         let (armable, unmodelled): (Vec<usize>, Vec<usize>) =
@@ -286,8 +288,8 @@ impl CommandHandle {
         Ok(Answer::Waits(waiting.join("; ")))
     }
 
-    /// Adds a reminder to an answer for each axis whose sign was never checked with a gauge. The gateway reminds once
-    /// for each axis.
+    /// Adds a reminder to the answer for each axis whose sign was never checked with a dial gauge. The gateway gives
+    /// this reminder only once for each axis.
     pub(super) fn reminding(&self, answer: Answer, axis: Option<&str>) -> Answer {
         let Answer::Done(mut said) = answer else { return answer };
         let profile = &self.0.profile;
@@ -343,8 +345,8 @@ impl CommandHandle {
         answer.map(Answer::Done).map_err(|why| why.to_string())
     }
 
-    /// Confirms a device whose signals have jumped: the next values of these signals are accepted. The checks of the
-    /// device must still pass.
+    /// Confirms that the operator has checked a device whose signals have jumped. The gateway then accepts the next
+    /// values of these signals. The device must still hold the settings that `verify` in the profile requires.
     pub(in crate::gateway) fn confirm(&self, device: &str, requester: &Requester) -> Result<Answer, String> {
         let profile = &*self.0.profile;
         let place = profile.devices.iter().position(|known| known.name == device);
@@ -375,8 +377,8 @@ impl CommandHandle {
         })
     }
 
-    /// Requests the release of an output's former registers, or withdraws this request. At the next start, the gateway
-    /// begins to return the registers to their base values.
+    /// Requests the release of the former registers of an output, or withdraws this request. After the next start,
+    /// the gateway moves the former registers back to their base values.
     pub(super) fn release(
         &self,
         output: &str,
@@ -396,8 +398,8 @@ impl CommandHandle {
         .map(Answer::Done)
     }
 
-    /// Uses a measured error for the correction of an axis. Without a `report`, removes the correction that earlier
-    /// errors have made. For an axis that acts on a diameter, the error is that of the diameter.
+    /// Corrects an axis by a measured error. Without a `report`, removes the correction that results from earlier
+    /// measured errors. If the axis acts on a diameter, the measured error is an error of the diameter.
     pub(super) fn measured(
         &self,
         axis: &str,

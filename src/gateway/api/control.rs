@@ -2,8 +2,9 @@
 //! `cancel`, `measured`, `confirm`, `release`.
 //!
 //! The client sends one line and receives one line: `disarm` → `ok z: off …` or `error …`. `measured z 3.2` sends a
-//! measured error in µm; `measured z clear` removes the correction from such errors. `confirm module` accepts a device.
-//! A program that may open the socket file may send one command per second for each axis and verb. A line may end with
+//! measured error in µm; `measured z clear` removes the correction from such errors. `confirm module` accepts a
+//! device. Every program that may open the socket file may send commands. The gateway accepts each verb once per
+//! second for an axis. A line may end with
 //!
 //! | word | meaning |
 //! |---|---|
@@ -12,15 +13,16 @@
 //! | `time=2026-01-31T12:00:00Z`, `id=part-17/2` | With `measured`: time and name of the measurement, which counts once |
 //! | `stay` | With `arm` and `sign`: send answers until the request is done. It is cancelled when the client disconnects |
 //!
-//! `arm` → `ok z: armed`, `error …`, or after 3 s `waits z: waiting to arm: …`. With `stay` more lines follow: `waits`
-//! for each new reason, `still` once a second, and finally `ok` or `error`.
+//! `arm` → `ok z: armed`, `error …`, or after 3 s `waits z: waiting to arm: …`. With `stay`, more lines follow:
+//! `waits` for each new reason, `still` once a second, and finally `ok` or `error`.
 //!
-//! `sign axis=z stay` moves Cz a little in the plus direction, as soon as the axis is ready. The answers are `waits …`, and
-//! `ok` when the output has this Cz, so that the gauge may be read. The connection stays open until the check is over; if
-//! the client closes it, the check ends. `sign-plus`, `sign-minus` and `sign-none`, on another connection, report in
-//! which direction the gauge moved. The answer says how it must have moved. Cz then returns to the value of the model.
+//! `sign axis=z stay` moves Cz a little in the plus direction, as soon as the axis is ready. The answers are
+//! `waits …`, and `ok` when the output has this Cz (compensation value), so that the operator may read the gauge. The
+//! connection stays open until the check is over; if the client closes it, the check ends. `sign-plus`, `sign-minus`
+//! and `sign-none`, on another connection, report in which direction the gauge moved. The answer contains the
+//! direction in which the gauge must move. Cz then returns to the value of the model.
 //!
-//! `adopt axis=z` adopts the learned model of an axis, and `adopt-back axis=z` returns to the model before.
+//! `adopt axis=z` adopts the learned model of an axis, and `adopt-back axis=z` returns to the previous model.
 //!
 //! `status` → `ok` and the state as one line of JSON. `restart` and `release`: see [`restart`].
 //!
@@ -28,8 +30,9 @@
 //! `trace cnc 60 text` → `ok listening to cnc`, two lines for each exchange (or one with `json`), and finally `end`
 //! with the number of exchanges. The trace ends after 60 seconds, or as soon as the client disconnects.
 //!
-//! The number of connections is limited. At the limit, a new connection replaces the one that has been silent longest,
-//! so a command does not wait for connections that send nothing. At most half of the connections may wait or trace.
+//! The number of connections is limited. At the limit, a new connection replaces the connection that has been silent
+//! longest. Therefore a command does not wait for connections that send nothing. At most half of the permitted
+//! connections may wait for a result or trace a device.
 
 use std::io::{Error, ErrorKind};
 use std::os::fd::AsFd;
@@ -69,9 +72,9 @@ pub use client::{
 pub use sockets::{listening, path};
 pub use user::forbidden;
 
-/// Maximum time that a client waits for the result of arming, if it has not sent `stay`.
+/// Maximum time that a client without `stay` waits for the result of `arm`.
 const ARMING: Duration = Duration::from_secs(3);
-/// Delay after which a waiting client receives `waits …`, because its request is not carried out yet.
+/// Delay after which a client receives `waits …` with the reason why its request is not carried out yet.
 const SHORTLY: Duration = Duration::from_millis(500);
 const LOOK_AGAIN: Duration = Duration::from_millis(50);
 /// Interval of the `still` lines to a client that waits with `stay`.
@@ -80,7 +83,7 @@ const LONGEST: u64 = 256;
 /// Interval of the checks whether the socket file was deleted.
 const DELETED: Duration = Duration::from_secs(1);
 
-/// Answer to a request that waits or traces when the limit of such clients is reached.
+/// Answer to a request with `stay` or `trace` while too many clients already wait or trace.
 const TOO_MANY: &str = "error too many clients wait or listen here: end one of them, then try again\n";
 
 /// First words of the answer to an unknown line. All versions of isotherm use them, so that clients recognise them.
@@ -91,7 +94,7 @@ const STATUS: &str = "status";
 
 /// Maximum duration of a trace.
 pub const LONGEST_TRACE: Duration = Duration::from_secs(24 * 3600);
-/// Additional time after the end of a trace, in which its last line is sent.
+/// Time after the end of a trace in which the gateway may still send the last line of the trace.
 const SLACK: Duration = Duration::from_secs(5);
 
 /// Returns advice for the operator if the path is too long for a socket, otherwise `None`.
@@ -107,7 +110,8 @@ pub fn too_long(path: &Path) -> Option<String> {
     })
 }
 
-/// Opens the command socket, for its owner and group only. A socket that an ended gateway has left behind is replaced.
+/// Opens the command socket, for its owner and group only. Replaces a socket file that an ended gateway has left
+/// behind.
 ///
 /// # Errors
 /// Another gateway answers on the socket, or the directory cannot be written.
@@ -206,7 +210,8 @@ pub async fn serve(
     }
 }
 
-/// Returns the listener. If its socket file was deleted, opens a new socket instead, if possible.
+/// Returns the listener. If the socket file of the listener was deleted, tries to create the socket again, and
+/// returns the new listener.
 fn made_again(listener: UnixListener) -> UnixListener {
     let address = listener.local_addr().ok();
     let gone = address.as_ref().and_then(|address| address.as_pathname()).filter(|path| !path.exists());
@@ -269,8 +274,8 @@ fn said_in_a_line(word: &str, text: &str) -> String {
     format!("{word} {}\n", one_line(text))
 }
 
-/// Sends the result of arming or of a sign check to the client. With `stay`, the client also receives the conditions
-/// for which its request waits.
+/// Sends the result of arming or of a sign check to the client. A client with `stay` first receives the conditions
+/// that are not met yet.
 async fn follow(
     source: &dyn GatewayApi,
     line: &Line<'_>,
@@ -309,8 +314,8 @@ async fn follow(
     }
 }
 
-/// Keeps the connection of a client open while the operator reads the gauge, because the end of the connection would
-/// end the sign check. Returns when the check is over, and at once for any other request.
+/// Waits until the sign check of the client is over, because the end of its connection would end the sign check.
+/// Returns at once for any other request.
 async fn wait_for_answer(source: &dyn GatewayApi, line: &Line<'_>) {
     let is_sign_check = line.stays && line.what == ParsedCommand::Command(Command::Sign);
     while is_sign_check && source.signing(line.axis).is_ok() {
@@ -318,7 +323,7 @@ async fn wait_for_answer(source: &dyn GatewayApi, line: &Line<'_>) {
     }
 }
 
-/// Parsed line that a client has sent.
+/// Parsed line of text that a client has sent.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Line<'a> {
     what: ParsedCommand<'a>,
@@ -342,7 +347,7 @@ enum ParsedCommand<'a> {
 }
 
 impl<'a> Line<'a> {
-    /// Parses a line. Returns `None` if the line is not a command with valid words.
+    /// Parses a line of text. Returns `None` if a word of the line is unknown or invalid.
     fn parse(text: &'a str) -> Option<Line<'a>> {
         let mut words = text.split(' ');
         let what = match words.next()? {
@@ -399,7 +404,7 @@ impl<'a> Line<'a> {
     }
 }
 
-/// Formats the state as JSON, with the displayed state of each axis, and with the reasons why the machine is not
+/// Formats the state as JSON, with a text for the state of each axis and with the reasons why the machine is not
 /// compensated.
 fn document(status: &Status) -> serde_json::Value {
     // Numbers and texts always have a JSON form.

@@ -1,5 +1,5 @@
-//! State of the gateway for people and programs. It is derived from a copy of the shared state, so that the lock is
-//! held only while the copy is made.
+//! State of the gateway for people and programs. The functions copy the shared state and derive the status from the
+//! copy, so that the lock is held only during the copying.
 
 use std::borrow::Cow;
 use std::collections::{BTreeMap, HashSet};
@@ -35,7 +35,7 @@ use isotherm_profile::{Axis, DeviceId, Purpose};
 
 struct StatusSnapshot {
     now: Moment,
-    /// Time for which the machine has been running; `None` until a signal has shown that it runs.
+    /// Time since the machine was switched on; `None` until a signal has shown that the machine runs.
     machine_on: Option<Duration>,
     stopping: bool,
     runs_fault_actions: bool,
@@ -47,8 +47,8 @@ struct StatusSnapshot {
     learned: Vec<Option<LearnedStatus>>,
     outputs: Outputs,
     latest: Latest,
-    /// Readings at the time `now`. A reading that is too old is stale. A reading whose `fault_when` is true or unknown
-    /// is rejected.
+    /// Readings at the time `now`. Readings that are too old have the quality "stale". Readings of a signal whose
+    /// `fault_when` is true or unknown are rejected.
     seen: Vec<Reading>,
     device_health: DeviceHealth,
     devices: Devices,
@@ -154,7 +154,8 @@ pub(super) fn status(shared: &Shared) -> Status {
     status
 }
 
-/// Returns the names of the active alarms that have ended without an event: the status shows that their cause is over.
+/// Returns the names of the alarms that are listed as active although their cause is over, according to the status.
+/// The end of these alarms has no event.
 fn ended(status: &Status) -> HashSet<String> {
     let calm = status.axes.iter().filter(|axis| !axis.warned);
     let good = status.signals.iter().filter(|signal| signal.quality == "good");
@@ -243,13 +244,14 @@ fn axes(shared: &Shared, picture: &StatusSnapshot) -> Vec<AxisStatus> {
     .collect()
 }
 
-/// Returns whether the axis only returns a released register to its base value. Such an axis does not compensate, so
-/// the status does not report it as missing when it is off.
+/// Returns whether the axis exists only to return a released register to its base value. Such an axis does not
+/// compensate, so the status does not report that it is off.
 fn is_release(axis: &Axis) -> bool {
     axis.purpose == Purpose::Release
 }
 
-/// Returns the learned model of an axis, and its candidate; `None` if the axis does not learn.
+/// Returns the status of the learned model of an axis, and of its candidate (proposed model). `None` if the axis does
+/// not learn.
 fn learned(shared: &Shared, core: &GatewayState, axis: usize) -> Option<LearnedStatus> {
     let learning = shared.profile.axes[axis].learning.as_ref()?;
     let preference = core.compensation.preference(axis)?;

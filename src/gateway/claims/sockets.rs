@@ -1,6 +1,6 @@
 //! Abstract sockets by which gateways find each other, for example `isotherm/1/4711-5f2c01aa/9e3779b9…`. The name
-//! contains the process, a random number, and a short hash of each bus. A gateway with no common hash is not asked for
-//! its claim.
+//! contains the process id, a random number, and a short hash of each bus address. Two gateways without a common hash
+//! do not exchange their claims.
 
 use std::collections::BTreeSet;
 use std::io::{self, Read, Write};
@@ -16,13 +16,13 @@ use super::Claim;
 
 /// Prefix of all socket names. Its number changes with the format of a claim.
 const PREFIX: &str = "isotherm/1/";
-/// Text that replaces the hashes in a socket name that is too short for all of them.
+/// Text in place of the hashes, if the socket name is too short for all of them.
 const MANY: &str = "*";
 const MOST_HASHES: usize = 9;
 const HASH: usize = 8;
-/// Flag of a listening socket in the kernel's list.
+/// Flag that marks a listening socket in the kernel's list of sockets.
 const ACCEPTS: u32 = 0x1_0000;
-/// Maximum wait for the claim of another gateway, which sends it from a separate thread.
+/// Maximum wait for the claim of another gateway. A separate thread of that gateway sends the claim.
 const PATIENCE: Duration = Duration::from_secs(2);
 /// Maximum size of an accepted claim, in bytes.
 const LARGEST: u64 = 16_000_000;
@@ -53,7 +53,8 @@ impl Listener {
         Ok(Listener { is_held })
     }
 
-    /// Marks the claim as valid: this gateway has found no rival, so a gateway that starts later must give way.
+    /// Marks the claim as valid, because no other gateway writes to these registers. A gateway that starts later must
+    /// then end.
     pub(super) fn hold(&self) {
         self.is_held.store(true, Ordering::Relaxed);
     }
@@ -72,14 +73,14 @@ pub(super) struct Other {
     pub(super) shares_line: bool,
 }
 
-/// Result of asking another gateway for its claim.
+/// Result of a request to another gateway for its claim.
 pub(super) enum Answer {
     Claim(Claim),
     /// The gateway has ended.
     Gone,
-    /// The gateway sends no claim, or one that cannot be parsed.
+    /// The gateway sends no claim, or an invalid one.
     Silent,
-    /// The connection ended before the whole claim was received, because the gateway is about to end.
+    /// The connection closed before the whole claim was received. The gateway is about to end.
     Cut,
     /// The operating system refuses the connection.
     Failed(io::Error),
@@ -94,8 +95,8 @@ pub(super) fn others(own: &Claim) -> io::Result<Vec<Other>> {
 }
 
 impl Other {
-    /// Parses a line of the kernel's list: `address: references protocol flags type state inode @name`. Returns `None`
-    /// for other sockets, and for a gateway that has none of these hashes.
+    /// Parses a line of the kernel's list: `address: references protocol flags type state inode @name`. Returns
+    /// `None` if the socket does not belong to a gateway, or if the gateway has none of these hashes.
     fn listed(line: &str, hashes: &BTreeSet<String>) -> Option<Other> {
         let flags = u32::from_str_radix(line.split(' ').nth(3)?, 16).ok()?;
         let (_, name) = line.split_once(" @")?;

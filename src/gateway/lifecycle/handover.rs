@@ -1,5 +1,6 @@
-//! Handover from a gateway to the program that replaces it in the same process. It contains the armed axes, so that
-//! they continue to compensate, and the checked profile. [`memfd`] describes its transport.
+//! Handover from a gateway to the program that replaces it in the same process. A handover contains the checked
+//! profile and the armed axes. The new program continues to compensate these axes. The module [`memfd`] describes how
+//! a handover is transported.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -23,7 +24,7 @@ pub use profile::{KeptProfile, answer_of_check, memory_for_profile};
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Handover {
-    /// Requester of the replacement, as a phrase for a sentence about the replacement.
+    /// Requester of the replacement, as a phrase in a sentence, for example "by user anna".
     pub by: String,
     /// Names of the armed axes, with their Cz.
     pub armed: BTreeMap<String, Micron>,
@@ -52,8 +53,8 @@ impl Handover {
         handover
     }
 
-    /// Applies the handover to a new gateway. Each armed axis gets a request to arm. The request waits for missing
-    /// conditions, like a request of an operator. Each axis that was off remains off.
+    /// Applies the handover to a new gateway. Each armed axis gets a request to arm, which waits for missing
+    /// conditions like a request of an operator. Each axis that was switched off remains off.
     pub(in crate::gateway) fn go_on(&self, core: &mut GatewayState, now: Moment) {
         let profile = core.given.profile.clone();
         for (place, axis) in profile.axes.iter().enumerate() {

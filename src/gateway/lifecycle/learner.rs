@@ -7,7 +7,8 @@
 //!                       └──────────(24 h later)──────────────┘
 //! ```
 //!
-//! - The child has the lowest priority and a limit for its memory, which it sets itself. The lines do not wait for it.
+//! - The child runs with the lowest priority, and sets a limit for its own memory. The bus lines do not wait for the
+//!   child.
 //! - The thread reads the candidates when the gateway starts, after each child, and when an operator has run
 //!   `isotherm learn`.
 //! - A child is killed if it runs for more than an hour, or if the gateway stops.
@@ -32,14 +33,14 @@ use isotherm_profile::safe_file::cut;
 
 /// Interval of the checks whether the child has ended.
 const CHECKED_EVERY: Duration = Duration::from_millis(500);
-/// Interval of the checks whether `isotherm learn` has written another candidate, for example because an operator runs
-/// it.
+/// Interval of the checks whether an operator has run `isotherm learn`, which writes new candidates (proposed
+/// models).
 const WATCHED_EVERY: Duration = Duration::from_secs(2);
-/// Maximum duration of one run of the child. A longer run is killed.
+/// Maximum duration of one run of the child. After this time, the gateway kills the child.
 const LONGEST: Duration = Duration::from_secs(3600);
-/// Largest part of the child's messages that is read, in bytes.
+/// Maximum length of the child's messages that is read, in bytes.
 const MOST_SAID: u64 = 64 * 1024;
-/// Largest part of a message in an event, in characters.
+/// Maximum length of a message in an event, in characters.
 const SHOWN: usize = 300;
 
 /// Program that learns: `isotherm learn` with the arguments of the gateway.
@@ -49,18 +50,19 @@ pub struct LearnCommand {
     pub program: PathBuf,
     /// Arguments of the program.
     pub arguments: Vec<OsString>,
-    /// Times at which the program is started.
+    /// Times at which the gateway starts the program.
     pub times: LearnTimes,
 }
 
-/// Times at which the learning program is started.
+/// Times at which the gateway starts the learning program.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct LearnTimes {
-    /// Time between the start of the gateway and the first check.
+    /// Time between the start of the gateway and the first check whether the learning program must run.
     pub first: Duration,
-    /// Time between two starts.
+    /// Interval between two starts of the learning program.
     pub every: Duration,
-    /// If the last learning is more recent than this, the gateway does not start the program at the first check.
+    /// Limit for the age of the last learning. If the age is below this limit at the first check, the gateway does
+    /// not start the learning program.
     pub recent: Duration,
 }
 
@@ -123,7 +125,7 @@ struct Work {
     directory: PathBuf,
     /// Channel that is closed when the gateway stops.
     stopped: Receiver<()>,
-    /// For each axis that learns: version of its candidate's file that was read last. `None` if the file did not exist.
+    /// Version of the candidate file that was read last, for each axis that learns. `None` if the file did not exist.
     read: Vec<Option<Version>>,
 }
 
@@ -156,8 +158,8 @@ impl Work {
         }
     }
 
-    /// Waits for `span`. Passes each candidate that `isotherm learn` writes in the meantime to its axis. Returns
-    /// `false` if the gateway stops.
+    /// Waits for `span`. Meanwhile, passes each new candidate (proposed model) that `isotherm learn` writes to its
+    /// axis. Returns `false` if the gateway stops.
     fn watches(&mut self, span: Duration) -> bool {
         let mut rest = span;
         loop {
@@ -175,7 +177,7 @@ impl Work {
         }
     }
 
-    /// Returns the version of the candidate's file of each axis; `None` without a file.
+    /// Returns the version of each axis' candidate file; `None` if the file does not exist.
     fn versions(&self) -> Vec<Option<Version>> {
         let version = |axis: &usize| {
             let profile = &self.shared.profile;
@@ -191,8 +193,8 @@ impl Work {
         self.stopped.recv_timeout(span) == Err(RecvTimeoutError::Timeout)
     }
 
-    /// Returns the age of the learning record that is oldest among the axes, by the computer's clock. `None` if an axis
-    /// has no record, or if the clock was set back.
+    /// Returns the age of the oldest learning record of these axes, by the computer's clock. `None` if an axis has no
+    /// record, or if the clock was set back.
     fn age(&self) -> Option<Duration> {
         let products = candidates::products(&self.directory, &self.shared.profile.name);
         let modified = |axis: &usize| {
@@ -271,8 +273,8 @@ impl Work {
     }
 }
 
-/// Returns the cause of a failed child, from its exit status and its messages. If the kernel kills a child that uses
-/// too much memory, the child cannot report anything.
+/// Returns why the child failed, from its exit status and its messages. The kernel kills a child that uses too much
+/// memory, and then the child has no message.
 fn cause(status: ExitStatus, said: &str) -> String {
     if status.signal() == Some(rustix::process::Signal::KILL.as_raw()) {
         return "the learning program was killed, probably because it took more memory than this computer or the \
@@ -285,7 +287,7 @@ fn cause(status: ExitStatus, said: &str) -> String {
     }
 }
 
-/// Ends a child with the processes that it has started.
+/// Kills the child and all processes that the child has started.
 fn kill(child: &mut Child) {
     let group = i32::try_from(child.id()).ok().and_then(rustix::process::Pid::from_raw);
     if let Some(group) = group {
@@ -295,7 +297,7 @@ fn kill(child: &mut Child) {
     let _ = child.wait();
 }
 
-/// Reason why the learning program gave no candidate.
+/// Reason why the learning program has written no candidate.
 enum LearnFailure {
     /// The gateway stops.
     Stopped,

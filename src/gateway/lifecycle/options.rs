@@ -21,45 +21,46 @@ pub type Dialer = Arc<dyn Fn(&Bus) -> Option<Box<dyn Dial>> + Send + Sync>;
 pub struct Options {
     /// Whether the gateway only reads, calculates and shows values, and writes nothing to a device.
     pub dry_run: bool,
-    /// Directory of state and logs; with `None`, nothing is stored. The caller must then ensure that no write of an
-    /// earlier run can still arrive at a register.
+    /// Directory of state and logs; with `None`, the gateway stores nothing. The caller must then ensure that a late
+    /// write of an earlier run can no longer reach a register.
     pub directory: Option<PathBuf>,
-    /// State directory of another, running gateway. Only its saved OPC UA namespaces are read, and nothing is written
-    /// there.
+    /// State directory of another gateway that is running. This gateway only reads the saved OPC UA namespaces in it,
+    /// and writes nothing to it.
     pub remembered_in: Option<PathBuf>,
     /// File system in which the state is stored.
     pub disk: Arc<dyn Disk>,
-    /// Whether threads write the logs and watch the lines. Without threads there is neither log nor watchdog, and a
-    /// simulation gives the same result in each run.
+    /// Whether threads write the logs and watch the bus lines. Without these threads, there is no log and no
+    /// watchdog, and a simulation gives the same result in each run.
     pub has_threads: bool,
     /// Function that creates the connections. Tests replace it.
     pub dialer: Dialer,
-    /// Maximum time without an action of a line task, before the watchdog stops the gateway. With `None`, the time
-    /// results from the timeouts of the line.
+    /// Maximum time without progress of the task of a bus line. After this time, the watchdog stops the gateway. With
+    /// `None`, the time is calculated from the timeouts of the bus.
     pub watch: Option<Duration>,
-    /// Period of all polls and of all axes, instead of the periods of the profile. A test bench is often faster than a
+    /// Periods that replace all periods of polls and axes in the profile. On a test bench, they may be shorter than a
     /// profile permits.
     pub pace: Option<Pace>,
-    /// Whether readings get the time of their answers instead of that of their requests. Tests use this wrong time to
-    /// show why the time of the request is correct.
+    /// Whether the time of a reading is the time of the answer, which is wrong, instead of the time of the request.
+    /// Tests use this option to show the error that results.
     #[doc(hidden)]
     pub is_unchecked: bool,
-    /// Figures about publishing to an MQTT broker; `None` without a broker.
+    /// Figures about the messages that are published to an MQTT broker; `None` without a broker.
     pub broker: Option<Arc<BrokerFigures>>,
-    /// Files of the profile that have changed on disk. Empty if no task compares the files.
+    /// Files of the profile that have changed on disk. Empty if no task checks the files for changes.
     pub profile_changes: Arc<ProfileChanges>,
     /// Receiver of every event since the start; `None` if no program receives the events.
     pub listener: Option<EventListener>,
-    /// Text of events in the log of the program: with or without the hint to the operator.
+    /// Whether the log of the program shows an event with or without the hint to the operator.
     pub logged_text: LoggedText,
     /// Handover from the previous program in the same process, or the reason why it is rejected. `Ok(None)` after an
     /// ordinary start.
     pub handover: Result<Option<Handover>, String>,
     /// Program that learns the models of the axes once a day; `None` if no program learns.
     pub learn: Option<LearnCommand>,
-    /// Whether released registers may be moved to their base values. The error is the reason why not.
+    /// Whether the gateway may move released registers to their base values. If not, the error is the reason.
     pub may_release: Result<(), String>,
-    /// Function that ends the process. The watchdog calls it if a blocked gateway cannot even stop.
+    /// Function that ends the process. The watchdog calls it if the gateway is blocked and cannot stop in the usual
+    /// way.
     pub give_up: Arc<dyn Fn() + Send + Sync>,
 }
 

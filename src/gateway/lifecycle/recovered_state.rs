@@ -25,7 +25,8 @@ use isotherm_profile::{Axis, AxisId, Profile};
 #[derive(Default)]
 pub(in crate::gateway) struct RecoveredState {
     pub(in crate::gateway) restored: RestoredMemory,
-    /// Correction of the computer's clock; `None` if its time continues after the end of the previous run.
+    /// Correction of the computer's clock; `None` if the clock has continued correctly since the end of the previous
+    /// run.
     pub(in crate::gateway) correction: Option<Correction>,
     /// Opened state document; `None` without a state directory.
     pub(in crate::gateway) opened: Option<Opened>,
@@ -104,10 +105,10 @@ impl RecoveredState {
         left
     }
 
-    /// Adds the released registers to the profile, with their entries in the register ledger. An operator has requested
-    /// that these registers return to their base values. A register is not added in a dry run, while the saved state is
-    /// in question, or while another gateway writes to the register. A release that an earlier run began is not
-    /// repeated: the former register is reported again.
+    /// Adds the released registers to the profile, with their entries in the register ledger. An operator has
+    /// requested that these registers return to their base values. A register is not added in a dry run, while the
+    /// saved state is in question, or while another gateway writes to the register. If an earlier run began a
+    /// release, the gateway does not repeat it, but reports the former register again.
     pub(in crate::gateway) fn extend(&mut self, profile: &mut Profile, options: &Options) -> Releases {
         let RecoveredState { places, opened, is_lost, .. } = self;
         let releases = std::mem::take(&mut places.releases);
@@ -150,8 +151,8 @@ impl RecoveredState {
 }
 
 impl RestoredMemory {
-    /// Adds the time of the stop to the ages in the saved state, if the computer's clock can be used. Returns the
-    /// correction of the clock, if its time does not continue after the previous run.
+    /// Adds the duration of the stop to the ages in the saved state, if the computer's clock is correct. Returns the
+    /// correction of the clock; `None` if the clock has continued correctly since the previous run.
     fn resume(
         &mut self,
         (directory, machine): (&Path, &str),
@@ -223,7 +224,8 @@ fn name_as(profile: &Profile, places: &Places, entries: &mut Entries) {
     }
 }
 
-/// Returns the state of each output at the end of the previous run, by the present name of the output.
+/// Returns the state of each output at the end of the previous run. The keys are the names that the outputs have in
+/// the present profile.
 fn outputs(restored: &RestoredMemory, entries: &Entries) -> BTreeMap<String, KnownOutput> {
     let own = entries.iter().filter(|(name, entry)| !restored.places.is_of_a_release(name, entry));
     let entries: BTreeMap<&String, &Entry> =
@@ -244,7 +246,7 @@ fn outputs(restored: &RestoredMemory, entries: &Entries) -> BTreeMap<String, Kno
 }
 
 /// Returns the gateway share in a shared register (the part that the gateway has added), in µm, from the entry of the
-/// register ledger. `None` if the share is not known, or the entry is of another register.
+/// register ledger. `None` if the share is not known, or the entry belongs to another register.
 fn share_um(entry: &Entry, place: &OutputPlace) -> Option<f64> {
     let is_of_it = entry.place.as_ref().is_some_and(|known| known.is_same_register(place));
     let Account { share, .. } = entry.kept.account.filter(|account| is_of_it && account.doubt.is_none())?;
@@ -260,16 +262,16 @@ fn remembered_places(directory: &Path, profile: &Profile) -> Places {
     Memory::recall(state, profile).unwrap_or_default().places
 }
 
-/// Returns one sentence for each change of registers and addresses since the last run that no operator has confirmed.
-/// The list is empty if the state cannot be read.
+/// Describes the changes of registers and addresses since the last run, in one sentence each. Changes that an
+/// operator has confirmed are left out. The list is empty if the saved state cannot be read.
 pub fn moved_since(directory: &Path, profile: &Profile) -> Vec<String> {
     let Some((places, restored)) = places_in(directory, profile) else { return Vec::new() };
     let signals = restored.moved.iter().map(|(signal, moved)| why_forgotten(signal, moved));
     places.explain().into_iter().chain(signals).map(|why| why.to_string()).collect()
 }
 
-/// Returns the preferred model of each axis that learns, as saved in this state directory. The list is empty if the
-/// state cannot be read. An axis whose models in the profile have changed is left out.
+/// Returns which model the operator prefers for each axis that learns, as saved in this state directory. The list is
+/// empty if the state cannot be read. It does not contain an axis whose models in the profile have changed.
 pub fn preferences_in(directory: &Path, profile: &Profile) -> Vec<(String, Preference)> {
     let state = documents::content(directory, &profile.name).and_then(|content| content.state);
     let Ok(restored) = Memory::recall(state, profile) else { return Vec::new() };
@@ -284,9 +286,9 @@ pub fn preferences_in(directory: &Path, profile: &Profile) -> Vec<(String, Prefe
     kept.collect()
 }
 
-/// Returns the learned models saved in this state directory that the gateway will not use with this profile: names of
-/// axis and model. The models of the profile have changed, or the axis lacks an input. The list is empty if the state
-/// cannot be read.
+/// Returns names of axis and model for each learned model in this state directory that the gateway does not use with
+/// this profile. The reason is that the models of the profile have changed, or that the axis lacks an input. The list
+/// is empty if the state cannot be read.
 pub fn superseded_in(directory: &Path, profile: &Profile) -> Vec<(String, String)> {
     let state = documents::content(directory, &profile.name).and_then(|content| content.state);
     let Ok(restored) = Memory::recall(state, profile) else { return Vec::new() };
@@ -294,8 +296,8 @@ pub fn superseded_in(directory: &Path, profile: &Profile) -> Vec<(String, String
     superseded.map(|(axis, model)| (axis.to_owned(), model.to_owned())).collect()
 }
 
-/// Returns the profile that the next gateway with this state directory will run. It includes the released registers,
-/// which an operator has requested to return to their base values.
+/// Returns the profile with which the next gateway with this state directory will run. The result contains the
+/// released registers (an operator has requested to return them to their base values).
 pub fn with_releases(directory: &Path, mut profile: Profile) -> Profile {
     if let Some((places, _)) = places_in(directory, &profile) {
         let asked = places.releases.iter().filter(|release| release.stage == Stage::Asked);
@@ -304,8 +306,8 @@ pub fn with_releases(directory: &Path, mut profile: Profile) -> Profile {
     profile
 }
 
-/// Reads the saved state of a stopped machine, and compares it with the registers and addresses of a profile. Returns
-/// `None` if the state cannot be read.
+/// Reads the saved state of a machine whose gateway is stopped, and compares the saved registers and addresses with
+/// those of a profile. Returns `None` if the state cannot be read.
 fn places_in(directory: &Path, profile: &Profile) -> Option<(Places, RestoredMemory)> {
     let mut content = documents::content(directory, &profile.name)?;
     let mut restored = Memory::recall(content.state.take(), profile).ok()?;

@@ -1,5 +1,5 @@
-//! End of a run: the axes run their fault actions, or the registers keep their values. The module also calculates how
-//! long the end takes, and describes the values that remain in the registers.
+//! End of a run: the axes run their fault actions, or the registers keep their values. The functions calculate the
+//! maximum duration of the end, and describe the values that remain in the registers.
 
 use std::time::Duration;
 
@@ -12,7 +12,8 @@ use isotherm_core::compensation::AxisState;
 use isotherm_core::compensation::settings::OnFault;
 use isotherm_profile::{OnStop, Share, stop};
 
-/// Begins a stop: the axes run their fault actions, or make no more decisions. Returns the maximum time of the stop.
+/// Begins a stop. The axes run their fault actions, or keep their last Cz (compensation value). Returns the maximum
+/// duration of the stop.
 pub(in crate::gateway) fn begin_stop(shared: &Shared, how: OnStop) -> Duration {
     let mut core = shared.core();
     core.phase = RunPhase::Stopping(how);
@@ -33,16 +34,16 @@ pub(in crate::gateway) fn begin_stop(shared: &Shared, how: OnStop) -> Duration {
     longest.saturating_add(waits.unwrap_or_default())
 }
 
-/// Returns whether no exchange is running for any register. If the run ends at this moment, the next run need not wait
-/// for late writes.
+/// Returns whether no exchange with a register is running. If the run ends now, the next run need not wait for late
+/// writes.
 pub(in crate::gateway) fn has_settled(shared: &Shared) -> bool {
     let core = shared.core();
     let waits = core.outputs.states().iter().any(|output| output.handshake.waits.is_some());
     !waits && core.registers.iter().flatten().copied().all(|mut one| one.state_mut().end().in_order)
 }
 
-/// Saves the state of each register at the end of the process: the values that may still arrive, and whether the run
-/// ended without a running exchange.
+/// Saves the state of each register at the end of the process: the values that may still arrive, and whether all its
+/// exchanges had ended.
 pub(in crate::gateway) fn end_registers(shared: &Shared) {
     if shared.dry_run {
         return;
@@ -59,8 +60,8 @@ pub(in crate::gateway) fn end_registers(shared: &Shared) {
     }
 }
 
-/// Requests the lines to reset each strobe signal that is set, and each control word that may report an armed axis.
-/// Returns `true` while such a signal or control word exists.
+/// Requests the bus lines to reset strobe signals and control words before the end. A strobe signal is reset if it is
+/// set, a control word if it reports an armed axis. Returns `true` while such a signal or control word exists.
 pub(in crate::gateway) fn leave(shared: &Shared) -> bool {
     let mut core = shared.core();
     // If the registers keep their values, the control continues with them.
@@ -94,8 +95,8 @@ pub(in crate::gateway) fn is_idle(shared: &Shared) -> bool {
         })
 }
 
-/// Describes the values that remain in the registers: the last verified value of each, its age, and the values that may
-/// still arrive.
+/// Describes the values that remain in the registers: for each register, its last verified value, the age of this
+/// value, and the values that may still arrive.
 pub(in crate::gateway) fn what_is_left(shared: &Shared) -> String {
     let core = shared.core();
     let now = shared.clock.now();

@@ -1,7 +1,7 @@
 //! Replacement of the running gateway program by another program. The other program has the same path and arguments,
-//! but perhaps another version or another profile. It runs in the same process, so that the service manager notices
-//! nothing. First it checks the profile. If the check fails, the running program continues. If it passes, the other
-//! program runs exactly the profile that it has checked.
+//! but perhaps another version or another profile. The other program runs in the same process, so that the service
+//! manager does not notice the replacement. It is first started for a check of the profile. If the check fails, the
+//! running program continues. If the check passes, the other program runs exactly the profile that was checked.
 
 use std::ffi::OsString;
 use std::fs::File;
@@ -28,23 +28,23 @@ use crate::gateway::shared::shared_state::Shared;
 use crate::gateway::state::sign::time_to_zero;
 use crate::observe::requester::Requester;
 
-/// Option by which a program only checks its profile and arguments. The next argument is the command socket of the
-/// running gateway.
+/// Option with which a program only checks its profile and arguments, and then ends. The next argument is the path of
+/// the running gateway's command socket.
 pub const CHECK_ONLY: &str = "check-only";
 
 /// Maximum time of a check, if the client does not set one.
 pub(in crate::gateway) const CHECKED_WITHIN: Duration = Duration::from_secs(60);
-/// File of the running program, even if another program is at its path now.
+/// File of the running program. The path is valid even if the program's own file was replaced by another one.
 const OWN_IMAGE: &str = "/proc/self/exe";
 const LOOK_EVERY: Duration = Duration::from_millis(20);
-/// Maximum size, in bytes, of the output of the checking program that is stored. `LINES` is the maximum number of its
-/// lines in the answer to the client.
+/// Maximum size of the stored output of a checking program, in bytes. `LINES` is the maximum number of lines of this
+/// output in the answer to the client.
 const MOST_SAID: usize = 64_000;
 const LINES: usize = 5;
-/// Maximum number of characters of the check's output in the answer to the client.
+/// Maximum length of a checking program's output in the answer to the client, in characters.
 const LONGEST_SAID: usize = 800;
-/// Maximum wait for the rest of the output after a check has ended. A process that the check started may still hold the
-/// pipe open.
+/// Maximum wait for further output after the end of a checking program. A process that this program has started may
+/// still hold the pipe open.
 const LAST_WORDS: Duration = Duration::from_secs(1);
 /// Exit code by which a check reports a wrong profile.
 const WRONG_PROFILE: i32 = 64;
@@ -56,7 +56,7 @@ pub struct Program {
     arguments: Vec<OsString>,
 }
 
-/// Reason why no program can replace the running one.
+/// Reason why the other program cannot replace the running program.
 #[derive(Debug)]
 pub(in crate::gateway) enum SuccessorRejection {
     /// The profile is wrong; contains the messages of the check.
@@ -65,7 +65,7 @@ pub(in crate::gateway) enum SuccessorRejection {
     Other(String),
 }
 
-/// Identity of a program file. If one of these values has changed, the file was replaced or changed.
+/// Identity of a program file. A file with another identity was replaced or changed.
 #[derive(Clone, Debug, PartialEq, Eq)]
 struct Image {
     place: (u64, u64),
@@ -84,11 +84,12 @@ impl Image {
     }
 }
 
-/// Result of a passed check, for the handover to the program that made the check.
+/// Result of a passed check. It is used for the handover to the program that has made the check.
 #[derive(Debug)]
 pub struct Checked {
     image: Option<Image>,
-    /// Memory for the handover. It contains the checked profile if the new program can load the profile from it.
+    /// Memory for the handover. The memory contains the checked profile, if the new program can load a profile from
+    /// memory.
     pub prepared: Prepared,
 }
 
@@ -99,7 +100,7 @@ impl Program {
     }
 
     /// Returns the program of this process. Call this function before the program's file is replaced. The path is the
-    /// first argument if that is absolute, otherwise the present path of the file.
+    /// first argument if this argument is absolute, otherwise the present path of the program's file.
     ///
     /// # Errors
     /// The system does not report the path.
@@ -110,7 +111,8 @@ impl Program {
         Ok(Program::new(path, arguments.collect()))
     }
 
-    /// Returns whether the program was started with this file as an argument. The file may have been removed since.
+    /// Returns whether the program was started with this file as an argument. The file may have been removed since
+    /// then.
     fn was_given(&self, file: &Path) -> bool {
         let place = |path: &Path| path.canonicalize().or_else(|_| std::path::absolute(path)).ok();
         place(file).is_some_and(|file| {
@@ -118,8 +120,8 @@ impl Program {
         })
     }
 
-    /// Starts the program at the path with the option [`CHECK_ONLY`], so that it checks its profile and arguments.
-    /// `within` limits the time.
+    /// Starts the program at the path with the option [`CHECK_ONLY`], so that the program checks its profile and
+    /// arguments. `within` is the maximum duration of the check.
     fn check(&self, socket: &Path, within: Duration) -> Result<Checked, SuccessorRejection> {
         let shown = self.path.display();
         let image = Image::at(&self.path);
@@ -169,8 +171,8 @@ impl Program {
         format!("{} cannot be started: {}", self.path.display(), system(&error))
     }
 
-    /// Starts the running program again, even if another one is at its path, with the handover (profile and state in
-    /// memory that cannot be changed) as its standard input. Returns only if that fails.
+    /// Starts the file of the running program again, even if another file is at its path. Standard input is the
+    /// handover (profile and state in memory that cannot be changed). Returns only if the start fails.
     pub fn start_own_image(&self, handover: Option<&File>) -> std::io::Error {
         self.exec(Path::new(OWN_IMAGE), handover)
     }
@@ -184,7 +186,7 @@ impl Program {
     }
 }
 
-/// Kills a check, and every process that it has started.
+/// Kills a checking program and every process that this program has started.
 fn end(child: &mut Child) {
     if let Some(group) = i32::try_from(child.id()).ok().and_then(Pid::from_raw) {
         let _ = kill_process_group(group, Signal::KILL);
@@ -192,7 +194,7 @@ fn end(child: &mut Child) {
     let _ = child.kill().and_then(|()| child.wait());
 }
 
-/// Reads the output of a check in a separate thread. Output above the limit is discarded.
+/// Reads the output of a checking program in a separate thread, and discards the output above the limit `MOST_SAID`.
 fn read_aside(mut stderr: ChildStderr) -> Receiver<Vec<u8>> {
     let (sender, parts) = channel();
     std::thread::spawn(move || {
@@ -209,7 +211,7 @@ fn read_aside(mut stderr: ChildStderr) -> Receiver<Vec<u8>> {
     parts
 }
 
-/// Returns the output of a check that has ended.
+/// Returns the output of a checking program that has ended.
 fn collected(parts: Receiver<Vec<u8>>) -> String {
     let until = BootClock::default().passed() + LAST_WORDS;
     let mut said = Vec::new();
@@ -256,14 +258,15 @@ impl Successor {
         self.program.was_given(path)
     }
 
-    /// Takes the result of the check that the new program has made of the profile. Returns `None` at a second call, and
-    /// before this gateway has agreed to be replaced by that program.
+    /// Takes the result of the check that the new program has made. Returns `None` at a second call. Also returns
+    /// `None` before this gateway has agreed to its replacement.
     pub fn take_checked(&self) -> Option<Checked> {
         self.checked.lock().unwrap_or_else(PoisonError::into_inner).take()
     }
 
-    /// Checks that another program can replace this gateway, and that this gateway can hand over to it. The call blocks
-    /// for `within` at most, and for the time in which the disk stores one small file.
+    /// Checks that another program can replace this gateway, and that this gateway can pass its state to that
+    /// program. The call blocks until the program has checked the profile, at most for `within`, and until one small
+    /// file is on disk.
     pub(in crate::gateway) fn check(&self, within: Duration) -> Result<Checked, SuccessorRejection> {
         let checked = self.program.check(&self.socket, within)?;
         let directory = self.socket.parent().unwrap_or(Path::new("."));
@@ -278,7 +281,8 @@ impl Successor {
         Ok(checked)
     }
 
-    /// Requests the gateway to stop its outputs and to end for a checked program. Returns a sentence.
+    /// Requests the gateway to stop its outputs and to end, because the checked program replaces it. Returns a
+    /// sentence for the requester.
     pub(in crate::gateway) fn take_over(
         &self,
         requester: &Requester,

@@ -15,9 +15,10 @@ use crate::gateway::shared::shared_state::Shared;
 use isotherm_core::compensation::AxisState;
 use isotherm_profile::BusId;
 
-/// Maximum time that readiness waits until each line has tried to open its connection.
+/// Maximum time for which the gateway reports readiness later because a bus line has not yet tried to open its
+/// connection.
 const OPENING: Duration = Duration::from_secs(10);
-/// Additional time that is reported for a stop, because the last save may wait for the disk.
+/// Time that is added to the reported duration of a stop, because the last save may wait for the disk.
 const LAST_WORDS: Duration = Duration::from_secs(10);
 /// Maximum number of axes or devices that the systemd status text lists by name.
 const NAMED: usize = 5;
@@ -38,8 +39,8 @@ impl Report {
         Report { is_received, is_ready: false, waited: Duration::ZERO, status: String::new() }
     }
 
-    /// Reports that the tasks of all lines work. The watchdog calls this function regularly. `after` is the time since
-    /// the last call.
+    /// Reports that the tasks of all bus lines work. The watchdog calls this function regularly. `after` is the time
+    /// since the last call.
     pub(in crate::gateway) fn lives(&mut self, shared: &Shared, after: Duration) {
         if !self.is_received {
             return;
@@ -58,7 +59,7 @@ impl Report {
     }
 }
 
-/// Reports that the gateway stops. `does` describes how, and `within` limits the time.
+/// Reports that the gateway stops. `does` describes the stop, and `within` is its maximum duration.
 pub(in crate::gateway) fn stopping(does: &str, within: Duration) {
     tell(&[NotifyState::Stopping, NotifyState::Status(does)]);
     takes(within);
@@ -95,8 +96,8 @@ fn send(to: &OsStr, said: &str) -> io::Result<()> {
     socket.send_to_addr(said.as_bytes(), &address).map(|_| ())
 }
 
-/// Returns whether each line has opened its connection or has tried to. A missing device does not delay the start of
-/// the gateway.
+/// Returns whether each bus line has opened its connection, or has tried to open it. A missing device does not delay
+/// the readiness of the gateway.
 fn are_tried(shared: &Shared) -> bool {
     let profile = &shared.profile;
     let core = shared.core();

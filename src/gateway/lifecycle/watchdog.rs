@@ -1,6 +1,6 @@
-//! Watchdog of the lines, in a separate thread. If the task of a line stops working, the watchdog stops the gateway. If
-//! the stop has no effect either, it ends the process. The watchdog of the service manager (systemd) is served only
-//! while all lines work.
+//! Watchdog of the bus lines, in a separate thread. If the task of a line no longer works, the watchdog stops the
+//! gateway. If the gateway does not stop, the watchdog ends the process. The watchdog reports to the service manager
+//! (systemd) only while the tasks of all lines work.
 
 use std::sync::Arc;
 use std::sync::mpsc::{RecvTimeoutError, Sender, channel};
@@ -22,8 +22,8 @@ pub(in crate::gateway) struct Watchdog {
 }
 
 impl Watchdog {
-    /// Starts to watch every line. `stop` requests the gateway to stop. `give_up` is called if the gateway has not
-    /// stopped in time.
+    /// Starts the watchdog for all bus lines. `stop` requests the gateway to stop. The watchdog calls `give_up` if
+    /// the gateway has not stopped in time.
     pub(in crate::gateway) fn start(
         shared: Arc<Shared>,
         patience: Option<Duration>,
@@ -80,18 +80,18 @@ impl Watchdog {
     }
 }
 
-/// Observations of one line. A line counts as blocked after a number of checks without progress. The limit is not a
-/// time, because a pause of the computer is no fault of the line.
+/// Observations of one bus line. The line counts as blocked after a number of checks without progress. The limit is a
+/// number of checks instead of a time, because the computer may pause, and a pause is not a fault of the line.
 struct LineObservation {
     turns: u64,
-    /// Number of consecutive checks in which the line task has done nothing.
+    /// Number of consecutive checks in which the line task has made no progress.
     looks: u32,
     /// Maximum of `looks`; above it, the line is treated as blocked.
     most: u32,
 }
 
-/// Returns the name of a line whose task has not acted for too long. A shared state that stays locked is reported in
-/// the same way.
+/// Returns the name of a bus line whose task has made no progress for too long. If the shared state stays locked for
+/// too long, returns a text about the lock in place of the name.
 fn late_line(shared: &Shared, lines: &mut [LineObservation], stuck: &mut Duration) -> Option<String> {
     if !shared.is_free() {
         *stuck += LOOK_EVERY;
@@ -109,8 +109,8 @@ fn late_line(shared: &Shared, lines: &mut [LineObservation], stuck: &mut Duratio
     None
 }
 
-/// Returns the maximum time that a line may need for one cycle, if each of its requests connects and times out, with
-/// all pauses.
+/// Returns the maximum time of one cycle of a bus line, if each request opens a connection and times out. All pauses
+/// are included.
 fn limit(profile: &Profile, bus: BusId) -> Duration {
     let devices = profile.devices_on(bus).map(|(_, device)| device);
     let pauses = devices

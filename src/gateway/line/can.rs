@@ -1,4 +1,4 @@
-//! Receiving side of a CAN line: one task receives every frame and stores its values in the table of signals.
+//! Receiving side of a CAN line (bus): one task receives every frame, and stores the values in the table of signals.
 //!
 //! ```text
 //! frames ─► routes ─► signal table; wakes the line that corrects a position
@@ -7,7 +7,8 @@
 //!        └► health  error frames, full queue, lost frames: reported at their beginning and at their end
 //! ```
 //!
-//! The interface may be missing, go down or be removed at any time. The task opens it again by itself.
+//! The network interface may be missing, go down or be removed at any time. The task opens it again without an
+//! operator.
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
@@ -34,7 +35,7 @@ pub(in crate::gateway) struct Can {
 struct PendingNodeReports {
     /// Devices whose setup list (objects to write when the node starts) has been written.
     set_up: Vec<DeviceId>,
-    /// Devices whose back-off (waiting time after failures) ends early. `None` stands for the whole line.
+    /// Devices whose back-off (waiting time after failures) must end now. `None` means all devices of the line.
     revived: Vec<Option<DeviceId>>,
 }
 
@@ -48,7 +49,8 @@ impl Can {
         self.wakeup.wake();
     }
 
-    /// Takes the devices whose back-off (waiting time after failures) ends early. `None` stands for the whole line.
+    /// Takes the list of devices whose back-off (waiting time after failures) must end now. `None` means all devices
+    /// of the line.
     pub(super) fn revived(&self) -> Vec<Option<DeviceId>> {
         std::mem::take(&mut self.handed().revived)
     }
@@ -62,7 +64,7 @@ impl Can {
     }
 }
 
-/// Returns the frames that the gateway writes on a line, with the positions of the outputs in them.
+/// Returns the frames that the gateway writes on a CAN line, and the bits of each output in these frames.
 fn images(profile: &Profile, bus: BusId) -> Images {
     let mut images = Images::default();
     for (id, device) in profile.devices_on(bus) {
@@ -75,8 +77,8 @@ fn images(profile: &Profile, bus: BusId) -> Images {
     images
 }
 
-/// Returns the bits of an output in the frame with this identifier, and the object from which the output is read back.
-/// `None` if the frame does not contain the output.
+/// Returns the bits of an output in the frame with this identifier, and the object with which the gateway reads the
+/// output back. `None` if the frame does not contain the output.
 fn value(device: &Device, output: &Output, id: CanId) -> Option<Value> {
     let Address::Frame(field) = &output.address else { return None };
     let node = device.can.as_ref().and_then(|can| can.node);

@@ -1,5 +1,5 @@
-//! Certificates of OPC UA lines and of the OPC UA server. Their expiry is reported a month before it, and when they have
-//! expired. Certificates that are not valid yet are reported too. `check` also reports weak certificates.
+//! Certificates of OPC UA lines and of the OPC UA server. The gateway reports a certificate that expires within a
+//! month, has expired, or is not valid yet. `check` also reports weak certificates.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -11,10 +11,10 @@ use crate::observe::events::{CertificateOwner, EarlyCertificate, Event, Expiry};
 use isotherm_core::quantity::Moment;
 use isotherm_profile::{Bus, NamedFile, OpcUaServer, Profile, ServerLogin, User};
 
-/// Time before the expiry at which the expiry is reported. The user can replace the certificate in this time.
+/// Time between the report of a coming expiry and the expiry. The user can replace the certificate in this time.
 const BEFORE: Duration = Duration::from_hours(30 * 24);
 const LOOK_EVERY: Duration = Duration::from_hours(1);
-/// Name of the gateway's OPC UA server in messages that otherwise name a bus.
+/// Name of the gateway's OPC UA server in messages about certificates. It replaces the name of a bus.
 const SERVER: &str = "opcua_server";
 
 /// Certificates of a profile that expire within 30 days of `now`, or have expired.
@@ -39,8 +39,9 @@ pub fn early(profile: &Profile, now: Moment) -> Vec<EarlyCertificate> {
     early.collect()
 }
 
-/// Returns a sentence for each certificate of a profile with a short key or a broken digest. The gateway uses these
-/// certificates. Only the OPC UA server refuses a client with a short key, because its policies do not allow one.
+/// Returns a sentence for each certificate of a profile with a short key or a broken digest. The gateway itself uses
+/// such certificates nevertheless. Only its OPC UA server refuses a client with a short key, because its policies
+/// forbid this.
 pub fn weak(profile: &Profile) -> Vec<String> {
     let clients = profile.opcua_server.iter().flat_map(|server| &server.trusted);
     let clients: Vec<&str> = clients.map(|file| file.name.as_str()).collect();
@@ -80,13 +81,13 @@ pub fn weak(profile: &Profile) -> Vec<String> {
     weak.collect()
 }
 
-/// Returns whether the profile has a certificate that can expire.
+/// Returns whether the profile uses a certificate that can expire.
 pub(in crate::gateway) fn has_some(profile: &Profile) -> bool {
     !used(profile).is_empty()
 }
 
-/// Reports each certificate once before its validity, once before its expiry and once after it, according to the clock
-/// of the computer.
+/// Reports each certificate that is not valid yet, that will soon expire, or that has expired, according to the
+/// computer's clock. Each of these states is reported once.
 pub(in crate::gateway) async fn watch(shared: Arc<Shared>, mut sleeper: Sleeper) {
     let mut reported: Vec<Expiry> = Vec::new();
     let mut reported_early: Vec<EarlyCertificate> = Vec::new();
@@ -106,7 +107,7 @@ pub(in crate::gateway) async fn watch(shared: Arc<Shared>, mut sleeper: Sleeper)
     }
 }
 
-/// Certificate that a line uses.
+/// Certificate that a bus line or the OPC UA server uses.
 struct Used<'b> {
     file: &'b NamedFile,
     whose: CertificateOwner,
@@ -121,7 +122,7 @@ fn used(profile: &Profile) -> Vec<(&str, Used<'_>)> {
     lines.chain(server.map(|used| (SERVER, used))).collect()
 }
 
-/// Returns the certificates that the OPC UA server uses: its own, and those of clients and users.
+/// Returns the certificates that the OPC UA server uses: its own certificate, and those of its clients and users.
 fn of_server(server: &OpcUaServer) -> Vec<Used<'_>> {
     let own = server.own.iter().map(|(cert, _)| (cert, CertificateOwner::OwnServer));
     let users = server.users.iter().filter_map(|user| match &user.login {
@@ -134,8 +135,8 @@ fn of_server(server: &OpcUaServer) -> Vec<Used<'_>> {
         .collect()
 }
 
-/// Returns the certificates that a line uses. A trusted certificate is left out if a newer one of the same name
-/// replaces it.
+/// Returns the certificates that a bus line uses. A trusted certificate is left out if a newer certificate with the
+/// same name exists.
 fn in_use(bus: &Bus) -> Vec<Used<'_>> {
     let Some(line) = &bus.opcua else { return Vec::new() };
     let read = |file: &NamedFile| Certificate::read(&file.bytes);

@@ -1,10 +1,13 @@
-//! Reads the checks of the devices on one line. CANopen nodes are set up first, before each of their starts.
+//! Checks of the devices on one bus line. A check compares a register with the value that `verify` in the profile
+//! requires. CANopen nodes are also set up here, before each of their starts.
 //!
-//! The checks of a device are read before any axis that needs the device is armed. They are read again after each break
-//! of the continuity: an event after which another device or other settings are possible. While one of them does not
-//! pass, they are read every few seconds. While the device is confirmed, each check is read once in its period. This
-//! detects settings that are changed at the device: a module that sends whole degrees instead of tenths sends plausible
-//! temperatures.
+//! The gateway reads the checks of a device before it arms an axis that needs the device. It reads them again after
+//! each break of the continuity: an event after which another device or other settings are possible. While a check
+//! does not pass, the gateway reads the checks every few seconds.
+//!
+//! While the device is confirmed (all checks have passed), each check is read once in its period. This detects
+//! settings that are changed at the device. For example, a module that is changed from tenths of a degree to whole
+//! degrees still sends plausible temperatures.
 
 use std::time::Duration;
 
@@ -25,17 +28,18 @@ use isotherm_core::reading::Reason;
 use isotherm_profile::preview::checks;
 use isotherm_profile::{BusId, Device, DeviceId, Expected, Profile, Setup};
 
-/// Delay before a device that did not answer is asked again, in addition to the back-off of the line.
+/// Delay before the checks of a silent device are read again. It is added to the back-off of the line (waiting time
+/// after failures).
 const ASK_AGAIN: Duration = Duration::from_secs(1);
 
-/// Delay before a device with wrong settings is checked again.
+/// Delay before the checks of a device with wrong settings are read again.
 const LOOK_AGAIN: Duration = Duration::from_secs(5);
 
-/// Unanswered attempts after which the register of a check is assumed not to exist, if the device answered its polls in
-/// between.
+/// Number of unanswered attempts after which the gateway assumes that the device does not have the register of a
+/// check. The device must have answered its polls in between.
 const ASSUMED_SILENT: u32 = 3;
 
-/// Exception codes of a device that will answer later.
+/// Exception codes of a device that will answer later: acknowledge and busy.
 const ACKNOWLEDGE: u8 = 5;
 const BUSY: u8 = 6;
 
@@ -44,7 +48,7 @@ const BUSY: u8 = 6;
 pub(super) struct Inspector {
     bus: BusId,
     inspections: Vec<Inspection>,
-    /// Whether the line is connected to an OPC UA server, which has namespaces.
+    /// Whether the line is a connection to an OPC UA server, whose namespaces must be checked.
     is_server: bool,
     namespaces: NamespaceWatch,
 }
@@ -53,18 +57,18 @@ pub(super) struct Inspector {
 struct Inspection {
     device: DeviceId,
     due: Moment,
-    /// Number of consecutive attempts without a value, and the time of the last attempt.
+    /// Number of consecutive attempts to read the checks without a value, and the time of the last attempt.
     missed: (u32, Moment),
-    /// Whether polls of the device, or frames that it sends, show that it is present.
+    /// Whether the gateway regularly receives data from the device: answers to polls, or CAN frames.
     is_received: bool,
     /// Whether values other than the checks are read from the device.
     is_polled: bool,
     identified: Identified,
-    /// Number of resets of the device at its last setup. `None` if it was not set up.
+    /// Number of resets of the device before its last setup. `None` if the device was not set up.
     set_up: Option<u64>,
-    /// Number of breaks of the continuity of the device when all checks were last read.
+    /// Number of breaks in the device's continuity at the last time when all checks were read.
     read_after: u64,
-    /// For each check of the device, in the order of the profile: its repeated reading.
+    /// State of the repeated reading of each check, in the order of the profile.
     again: Vec<Repetition>,
 }
 
@@ -72,8 +76,8 @@ struct Inspection {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Identified {
     ByChecks,
-    /// The device has no checks. Only the OPC UA namespaces of its server identify the device. `is_new`: the namespaces
-    /// were not compared since the task of the line began.
+    /// The device has no checks. Only the OPC UA namespaces of its server identify the device. `is_new`: the
+    /// namespaces have not been compared yet since the line task began.
     ByNamespaces {
         is_new: bool,
     },
@@ -84,20 +88,20 @@ enum Identified {
 struct Repetition {
     period: Duration,
     due: Moment,
-    /// Whether the check has passed in this round. A round is over when all checks of the device have passed.
+    /// Whether the check has passed in the present round. A round ends when all checks of the device have passed.
     has_passed: bool,
-    /// Number of consecutive attempts without a value, and the time of the last attempt.
+    /// Number of consecutive attempts to read this check without a value, and the time of the last attempt.
     unread: (u32, Moment),
 }
 
-/// Result of reading the checks of a device.
+/// Result of an attempt to read all checks of a device.
 enum CheckRound {
-    /// The checks were read. The number counts the breaks of continuity before the reads. The list contains the
-    /// differences from the expected values.
+    /// The checks were read. The number is the count of breaks in the continuity before the reads. The list contains
+    /// the differences from the expected values.
     Known(u64, Vec<Difference>),
     /// The device does not answer. Its loss is reported elsewhere.
     NoAnswer,
-    /// The continuity of the device was broken between two answers: they may come from different devices.
+    /// The continuity of the device was broken between two answers. The answers may come from different devices.
     Broken,
 }
 
@@ -187,8 +191,8 @@ impl Inspector {
         }
     }
 
-    /// Compares the namespaces of an OPC UA server with the profile. If a namespace cannot be identified, the devices
-    /// are reported as changed. Otherwise, the checks of the devices are read. A device without checks then counts as
+    /// Compares the namespaces of an OPC UA server with the profile. If a namespace cannot be identified, reports the
+    /// devices as changed. Otherwise makes the checks of the devices due, and treats each device without checks as
     /// verified.
     fn check_namespaces(&mut self, shared: &LineHandle) {
         let Some(table) = shared.core().devices.namespaces(self.bus) else { return };
@@ -215,16 +219,17 @@ impl Inspection {
         self.identified == Identified::ByChecks
     }
 
-    /// Returns true if the device did not answer its checks. A poll must then first show that the device is present.
+    /// Returns whether the checks must wait for a poll. This is true if the device did not answer a check, and no
+    /// poll has shown since then that the device is present.
     fn waits_for_polls(&self, shared: &LineHandle) -> bool {
         let core = shared.core();
         let lost = core.device_health.devices[self.device.0].lost.as_ref();
         self.is_received && self.missed.0 > 0 && lost.is_some_and(|lost| lost.answers_since.is_none())
     }
 
-    /// Reads the check of a confirmed device that is due first. Returns true if a check was due. All checks are read
-    /// again if the value is not the expected one. They are also read again after several attempts without a value, if
-    /// the device delivered other values in between.
+    /// Reads one check of a confirmed device: the check that has been due for the longest time. Returns true if a
+    /// check was due. All checks are read again if the value is not the expected one. They are also read again after
+    /// several attempts without a value, if the device delivered other values in between.
     async fn read_again(
         &mut self,
         line: &mut DeviceLine,
@@ -292,7 +297,7 @@ impl Inspection {
         true
     }
 
-    /// Processes the result of a round of checks, and sets the time of the next round.
+    /// Processes the result of reading all checks, and sets the time at which they are read again.
     fn take_round(&mut self, shared: &LineHandle, found: CheckRound) {
         let pause = match &found {
             // The answers may come from two devices.
@@ -312,8 +317,8 @@ impl Inspection {
         }
     }
 
-    /// Sets the device up and reads every check. `breaks`: number of breaks of continuity so far. `differences`:
-    /// differences from the expected values that are already known.
+    /// Sets the device up and reads every check. `breaks`: number of breaks in the continuity so far. `differences`:
+    /// known differences from the expected values.
     async fn read_all(
         &mut self,
         line: &mut DeviceLine,
@@ -361,8 +366,8 @@ impl Inspection {
         CheckRound::Known(breaks, differences)
     }
 
-    /// Counts an attempt without a value. Returns true if the device answers its polls, but never the request for this
-    /// register. Some devices are silent, or report that they are busy, if they do not have a register.
+    /// Counts an attempt without a value. Returns true if the device answers its polls, but repeatedly does not
+    /// answer the request for this register. Some devices are silent or report "busy" if they do not have a register.
     fn is_in_vain(&mut self, fault: Fault, shared: &LineHandle) -> bool {
         let (attempts, last) = self.missed;
         let delivers = shared.core().devices.of(self.device).delivered_at() > last;
@@ -383,17 +388,16 @@ impl Inspection {
         is_known && attempts >= ASSUMED_SILENT
     }
 
-    /// Returns whether the number of breaks in the device's continuity is still `breaks`.
+    /// Returns whether the continuity of the device was not broken again: the number of breaks is still `breaks`.
     fn is_after(&self, breaks: u64, shared: &LineHandle) -> bool {
         shared.core().devices.of(self.device).breaks_so_far() == breaks
     }
 }
 
-/// Reads one check. Returns the difference from the expected value; `None` if they are equal. A missing register is a
-/// difference, too.
+/// Reads the register of one check. Returns the difference from the expected value; `None` if the values are equal. A
+/// missing register is a difference, too.
 ///
-/// # Errors
-/// The device did not answer, or refused the request for another reason.
+/// # Errors The device did not answer, or refused the request for another reason.
 async fn read(
     line: &mut DeviceLine,
     device: DeviceId,
@@ -410,11 +414,10 @@ async fn read(
     }
 }
 
-/// Writes the setup list of a CANopen node, in its order. A dry run writes nothing and only compares the values.
-/// Returns the differences that remain; none if the node is set up.
+/// Writes the setup list of a CANopen node, in the order of the list. A dry run writes nothing, and only compares the
+/// values. Returns the differences that remain. The list is empty if the node is set up.
 ///
-/// # Errors
-/// The node does not answer.
+/// # Errors The node does not answer.
 async fn set_up(
     line: &mut DeviceLine,
     shared: &LineHandle,
@@ -446,14 +449,14 @@ async fn set_up(
     Ok(wrong)
 }
 
-/// Difference for an object that could not be set up.
+/// Creates the difference that reports an object of the setup list that could not be set.
 fn not_set_up(setup: &Setup, why: String) -> Difference {
     let (what, was) = (named(setup), setup.value.to_string());
     let is = CheckFailure::Described(format!("{what} {why}"));
     Difference { what, was, is, meaning: String::new(), remedy: String::new() }
 }
 
-/// Name of an object of the setup list: `1800:05 (event timer)`.
+/// Returns number and name of an object of the setup list, for example `1800:05 (event timer)`.
 fn named(setup: &Setup) -> String {
     match setup.what.as_str() {
         "" => setup.object.to_string(),
@@ -478,8 +481,8 @@ fn round_begins(shared: &LineHandle, id: DeviceId) {
 }
 
 /// Processes the result of all checks of a device, and reports each change. An axis that reads from a changed device
-/// runs its fault action. If a check proves that the settings were changed, the axis returns to the Cz that it had
-/// before the last round of checks. An axis that writes to the device is disarmed.
+/// runs its fault action. If a check proves that the settings were changed, the axis returns to its Cz (compensation
+/// value) before the last round of checks. An axis that writes to the device is disarmed.
 fn verified(shared: &LineHandle, id: DeviceId, breaks: u64, differences: Vec<Difference>) {
     let name = &shared.profile.device(id).name;
     let mut core = shared.core();

@@ -1,6 +1,6 @@
-//! Task of one line. The task works in *turns*. A turn is one action. Examples are one request of a read, the work on
-//! one output, the heartbeat, or a step of the axes. The task takes the turns one at a time, in the order in which they
-//! are due. It steps the axes as soon as their inputs have been read.
+//! Task of one bus line. The task works in *turns*. A turn is one action. Examples are one request of a read, the
+//! work on one output, the heartbeat, or a step of the axes (calculation of their Cz). The task takes the turns one
+//! at a time, in the order in which they are due. It steps the axes as soon as their inputs have been read.
 //!
 //! ```text
 //! sleep ─► turn ─► the heartbeat, when it is due
@@ -9,13 +9,13 @@
 //!   └───────┘      what is due first: one request of a device's reads · one verified write · one check of a device
 //! ```
 //!
-//! After a unit behind a Modbus gateway has not answered, the device that answered last is read before the others, see
-//! [`DeviceLine::first_after_miss`]. While the Modbus gateway waits for such a unit, no device behind it is read, see
-//! [`DeviceLine::occupied_until`]. The axes are then stepped without waiting for these reads.
+//! After a unit behind a Modbus gateway has not answered, the device that answered last is read before the others,
+//! see [`DeviceLine::first_after_miss`]. While the Modbus gateway waits for such a unit, no device behind it is read,
+//! see [`DeviceLine::occupied_until`]. The axes are then stepped (calculated) without these reads.
 //!
-//! No series of writes makes a sensor stale. A device whose readings have reached half of their `max_age` is read
-//! before every output, a limited number of times in a row. No slow device delays a corrected position, or an axis that
-//! is due, by more than one of its requests.
+//! A series of writes cannot make the readings of a sensor stale. A device whose readings have reached half of their
+//! `max_age` is read before every output, a limited number of times in a row. A slow device delays a corrected
+//! position, or an axis that is due, at most by one request to the device.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -44,14 +44,16 @@ mod tests;
 
 use heartbeat_task::HeartbeatTask;
 
-/// Longest sleep of a line that has nothing to do.
+/// Longest sleep of a line task if no action is due.
 const IDLE: Duration = Duration::from_secs(1);
-/// Time after which a due read or a due step becomes urgent. On a fast line, no read and no step waits for so long.
+/// Waiting time after which a due read becomes urgent, and after which the axes are stepped (calculated) although
+/// inputs are missing. A fast line never reaches this time.
 const SLOW: Duration = Duration::from_millis(20);
-/// Maximum number of consecutive urgent reads before another action of the line task that was due earlier.
+/// Maximum number of consecutive urgent reads. After them, the line task carries out the action that has been due for
+/// the longest time.
 const PRESSED: u32 = 8;
 
-/// Task of one line. It owns the connection, and everything that is read and written on the line.
+/// Task of one bus line. The task owns the connection, and carries out all reads and writes on the line.
 pub(in crate::gateway) struct LineTask {
     shared: LineHandle,
     bus: BusId,
@@ -62,29 +64,30 @@ pub(in crate::gateway) struct LineTask {
     polls: Vec<Poll>,
     jobs: Vec<OutputTask>,
     heartbeat_task: Option<HeartbeatTask>,
-    /// Whether the inputs of an axis are read on this line. This task then steps the axis directly after the reads. If
-    /// the profile has no axis, one task reports the changes of the signals instead.
+    /// Whether this task steps (calculates) axes, because inputs of an axis are read on this line. If the profile has
+    /// no axis, one line task reports the changes of the signals instead.
     steps_axes: bool,
-    /// Whether values that are read on this line are used on another line: for an output that writes a position plus
-    /// Cz, or as a result of probing.
+    /// Whether another line needs values that are read on this line: a position for an output that writes position
+    /// plus Cz, or the result of a probing cycle.
     feeds_others: bool,
     step_due: Option<Moment>,
     pending: Pending,
     work: LineWork,
-    /// Number of wakeups of the line (`news`), and of pauses of the computer (`pauses`), that were processed.
+    /// Number of processed wakeups of this line (`news`) and of processed pauses of the computer (`pauses`).
     news: u64,
     pauses: u64,
-    /// Number of urgent reads since the last read or output that was not urgent.
+    /// Number of urgent reads since the last action that was not an urgent read.
     pressed: u32,
     overruns: Overruns,
 }
 
-/// Work that earlier turns (actions of the line task) left for the next ones.
+/// Work that remains for the next turns (actions of the line task).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Pending {
-    /// Whether a device was read, or another task has woken the line, since the last step of the axes.
+    /// Whether the axes have news to process: a device was read, or another task has woken the line since the last
+    /// step.
     has_news: bool,
-    /// Whether a value was read that another line uses, so that the task of that line must be woken.
+    /// Whether this task must wake the tasks of other lines, because it has read a value that they need.
     wakes_others: bool,
     /// Whether checks of devices may be due.
     inspects: bool,
@@ -103,11 +106,11 @@ enum Turn {
     Output(usize),
 }
 
-/// Rounds of reads that began late by a whole period or more, since the last report.
+/// Rounds of reads that began later than planned by a whole period or more. They are counted until the next report.
 #[derive(Debug, Default)]
 struct Overruns {
     count: u64,
-    /// Largest delay, and the device that was read so late.
+    /// Largest delay of a round, and the device of this round.
     worst: Option<(Duration, DeviceId)>,
 }
 
@@ -160,9 +163,10 @@ impl LineTask {
     }
 
     /// Takes turns (actions of the line task) until the gateway has stopped. Then closes the connection to an OPC UA
-    /// server, which stores a state for the connection. With a `listener`, the task also receives CAN frames. A gateway
-    /// may have 500 of these tasks. State that is needed only during a turn, or only on CAN, is therefore allocated
-    /// separately.
+    /// server, because the server stores a state for the connection. With a `listener`, the task also receives CAN
+    /// frames.
+    ///
+    /// A gateway may have 500 line tasks. State for one turn, or for CAN only, is therefore allocated separately.
     pub(in crate::gateway) async fn run(mut self: Box<Self>, listener: Option<Box<CanListener>>) {
         match listener {
             None => self.turns().await,
@@ -172,9 +176,9 @@ impl LineTask {
         }
     }
 
-    /// Takes turns (actions of the line task) until the gateway has stopped. The state of a turn is in memory that
-    /// another line may have used just before. Thousands of lines then need little memory, and the memory of a turn is
-    /// in the cache of the processor.
+    /// Takes turns (actions of the line task) until the gateway has stopped. The state of a turn is allocated only
+    /// for this turn, so that all lines use the same memory one after the other. Thousands of lines then need little
+    /// memory, and this memory is in the cache of the processor.
     async fn turns(&mut self) {
         let mut now = self.line.sample();
         loop {
@@ -264,7 +268,8 @@ impl LineTask {
         self.wake_outputs(now);
     }
 
-    /// Steps the axes that are due. Makes all outputs due, because each may have a new value to write.
+    /// Steps (calculates) the axes that are due. Makes all outputs due, because each output may have a new value to
+    /// write.
     fn step(&mut self, now: Moment) {
         self.pending.has_news = false;
         // Signals in CAN frames are in no device's reads.
@@ -279,13 +284,13 @@ impl LineTask {
         self.wake_outputs(now);
     }
 
-    /// Makes each output due after a decision, a read or a command.
+    /// Makes each output of the line due, after a decision of an axis, a read, or a command.
     fn wake_outputs(&mut self, now: Moment) {
         self.jobs.iter_mut().for_each(|job| job.wake(now));
     }
 
-    /// Executes one request of the reads of a device. After the last request of a round, each output that corrects the
-    /// position of the device becomes due, also on another line.
+    /// Executes one request of the reads of a device. If the request completes a round, each output that corrects a
+    /// position of this device becomes due. The output may be on another line.
     async fn read(&mut self, place: usize, now: Moment) {
         let poll = &mut self.polls[place];
         let presses = poll.reads_position || poll.grows_stale(now);
@@ -305,7 +310,7 @@ impl LineTask {
         }
     }
 
-    /// Chooses the next turn (action of the line task) among the actions that are due.
+    /// Chooses the next turn among the actions of the line task that are due.
     fn next(&self, now: Moment) -> Turn {
         if self.heartbeat_task.as_ref().is_some_and(|heartbeat_task| heartbeat_task.due <= now) {
             return Turn::Beat;
@@ -342,22 +347,22 @@ impl LineTask {
         }
     }
 
-    /// Returns the outputs that still work, with their indices: all outputs, or during a stop only the corrected
-    /// positions.
+    /// Returns the outputs on which the task still works, with their indices. These are all outputs, or only the
+    /// corrected positions if the work is limited.
     fn working_jobs(&self) -> impl Iterator<Item = (usize, &OutputTask)> {
         let works = |job: &OutputTask| self.work == LineWork::All || job.corrects.is_some();
         self.jobs.iter().enumerate().filter(move |(_, job)| works(job))
     }
 
-    /// Returns the next read if it is due at `by`. The line can then send it directly after the write of a corrected
-    /// position (position plus Cz).
+    /// Returns the request of the next read, if the read is due at `by`. The line can send this request directly
+    /// after the write of a corrected position (position plus Cz).
     fn reads_next(&self, by: Moment) -> Option<(DeviceId, Request<'static>)> {
         self.polls.iter().min_by_key(|poll| poll.due())?.asks_next(by)
     }
 
-    /// Returns whether the axes may be stepped, which happens at the end of a round of reads. An axis that is due waits
-    /// for its inputs. The axis does not wait for a slow device, or for a device that is due again as soon as it has
-    /// been read.
+    /// Returns whether the axes may be stepped (calculated). This happens at the end of a round of reads: an axis
+    /// that is due waits for its inputs. The axis waits neither for a slow device nor for a device that is due again
+    /// directly after its last read.
     fn may_step(&self, now: Moment) -> bool {
         // Reads that must wait for the Modbus gateway do not delay the axes.
         let is_outstanding = |by: Moment| {
@@ -370,9 +375,9 @@ impl LineTask {
             || (self.pending.has_news && !is_outstanding(now))
     }
 
-    /// Returns the index of the device with the most urgent read, `None` if no read is urgent. A read is urgent if an
-    /// output corrects the position that is read, and the read waits for too long. A read is also urgent if the
-    /// readings of the device have reached half of their `max_age`.
+    /// Returns the index of the device with the most urgent read; `None` if no read is urgent. The read of a position
+    /// that an output corrects is urgent if it has waited for too long. Any other read is urgent if the readings of
+    /// the device have reached half of their `max_age`.
     fn pressing(&self, now: Moment) -> Option<usize> {
         let due = self.reads_due(now).filter(|(due, ..)| *due <= now);
         let polls = due.map(|(.., place)| (place, &self.polls[place]));
@@ -382,8 +387,8 @@ impl LineTask {
         pressing.map(|(place, poll)| (!poll.reads_position, poll.due(), place)).min().map(|(.., place)| place)
     }
 
-    /// Returns, for each device, the time at which it may be read, whether another device is read before it, and its
-    /// index. The time is that at which the device is due, or later.
+    /// Returns three facts for each device: the earliest time of its next read, whether another device must be read
+    /// first, and the index of the device.
     fn reads_due(&self, now: Moment) -> impl Iterator<Item = (Moment, bool, usize)> {
         let may_begin = move |poll: &Poll| {
             let occupied_until = self.line.occupied_until(poll.device, now);
@@ -414,8 +419,8 @@ impl LineTask {
         polls.chain(jobs).chain(heartbeat_task).chain(self.step_due).min().unwrap_or(Moment::END)
     }
 
-    /// Counts a sleep that ended late by `late`, and the late polls before the sleep. Another line may have stepped the
-    /// axes during the sleep.
+    /// Counts a sleep that ended later than planned by `late`, and the rounds of reads that were late before the
+    /// sleep. Also takes over the due time of the axes, because another line may have stepped them during the sleep.
     fn account(&mut self, late: Duration) {
         let Overruns { count: overruns, worst } = std::mem::take(&mut self.overruns);
         if let Some((late, device)) = worst {

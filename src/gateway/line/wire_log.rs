@@ -1,11 +1,12 @@
-//! Wire log of a running gateway: one tap (recorder of messages) for each line, found by the names of the devices.
+//! Wire log of a running gateway: one tap (recorder of messages) for each bus line. A caller finds a tap by the name
+//! of a device.
 
 use std::sync::Arc;
 
 use crate::fieldbus::trace::{ExchangeReceiver, Tap};
 use isotherm_profile::{BusId, DeviceId, Profile};
 
-/// Access to the frames of the devices of a gateway, from any thread.
+/// Access to the recorded messages of the devices of a gateway, from any thread.
 #[derive(Clone, Debug)]
 pub struct WireLog(Arc<Inner>);
 
@@ -27,10 +28,10 @@ impl WireLog {
         &self.0.taps[bus.0]
     }
 
-    /// Traces the frames of the device with this name until the returned value is dropped.
+    /// Records the messages of the device with this name until the returned value is dropped.
     ///
     /// # Errors
-    /// No such device exists, or too many clients trace its line. The error is a sentence.
+    /// No such device exists, or too many clients trace its bus line. The error is a sentence.
     pub fn listen(&self, device: &str) -> Result<ExchangeReceiver, String> {
         let Some(place) = self.0.devices.iter().position(|(name, _)| name == device) else {
             let known: Vec<&str> = self.0.devices.iter().map(|(name, _)| name.as_str()).collect();

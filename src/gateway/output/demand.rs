@@ -1,5 +1,5 @@
-//! Demand on an output: the value that its axis requires, and the conditions under which the value may be written. The
-//! demand is taken from the state that all lines share.
+//! Demand on an output: the value that its axis requires, and the conditions under which the value may be written.
+//! The demand is derived from the state that all bus lines share.
 
 use crate::gateway::shared::line_handle::LineHandle;
 use crate::gateway::shared::state::GatewayState;
@@ -19,12 +19,13 @@ pub(super) struct OutputDemand {
     target: Micron,
     /// Time at which the axis decided.
     decided: Moment,
-    /// Who armed the axis. `None` if it is off.
+    /// Requester that armed the axis. `None` if the axis is off.
     armed: Option<Who>,
     decision: Decision,
-    /// The position to be corrected, if it is usable.
+    /// Position to be corrected. `None` if the output has no such position, or if the position is not usable.
     pub(super) position: Option<f64>,
-    /// Latest moment at which a change may be sent. After it, the readings of the change are too old.
+    /// Latest time at which a change may be sent. After this time, the readings on which the change depends are too
+    /// old.
     pub(super) not_after: Moment,
     /// State of the interlock (`when` of the output): it permits writes, forbids writes, or is unknown.
     pub(super) interlock: Condition,
@@ -34,14 +35,14 @@ pub(super) struct OutputDemand {
     pauses: u64,
 }
 
-/// Whether the decision of an axis is written to an output.
+/// Whether the last decision of an axis is written to its output.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Decision {
     /// Nothing is written: the axis is off, or has not decided since it was armed.
     Off,
-    /// Nothing is written yet: the axis must first resume from the register value.
+    /// Nothing is written yet. The axis must first continue from the register value, and then decide again.
     Outdated,
-    /// The value must be written, in this mode.
+    /// The value is written in the contained mode.
     Current(Mode),
 }
 
@@ -123,7 +124,8 @@ impl OutputDemand {
         }
     }
 
-    /// Returns the decision about the Cz in a corrected position. `None` if nothing is written.
+    /// Returns the Cz for a corrected position, with its target and the time of its decision. `None` if nothing is
+    /// written.
     pub(super) fn of_position(&self) -> Option<PositionDecision> {
         let decision = PositionDecision { cz: self.cz, target: self.target, at: self.decided };
         (!self.is_off()).then_some(decision)

@@ -1,13 +1,13 @@
-//! Failed requests of a register, and which of them are reported.
+//! Failed requests to a register of an output, and the decision which of the failures are reported.
 
 use crate::fieldbus::error::Fault;
 use isotherm_core::explained::Cause;
 use isotherm_core::output::{Fact, Input};
 use isotherm_profile::counted;
 
-/// Number of consecutive unanswered writes after which they are reported, if the device answers reads.
+/// Number of consecutive unanswered writes after which the failure is reported, if the device answers reads.
 const DEAF: u64 = 3;
-/// Number of consecutive failures with a new cause, after which that cause is reported.
+/// Number of consecutive failures with another cause than the reported one, after which the new cause is reported.
 const CHANGED_AFTER: u32 = 20;
 
 /// Kind of request to the register of an output.
@@ -19,7 +19,7 @@ pub(super) enum RequestKind {
     Write,
 }
 
-/// Whether an alarm of the output was reported and has not ended.
+/// Whether an alarm of the output is active.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 enum Alarm {
     #[default]
@@ -30,11 +30,11 @@ enum Alarm {
 /// Failures of the requests of one register.
 #[derive(Debug, Default)]
 pub(super) struct Failures {
-    /// Reported kind of failed request. It is cleared when a request of that kind succeeds.
+    /// Kind of the failed request that was reported. `None` after a request of this kind has succeeded.
     reported: Option<RequestKind>,
     /// Reported cause of the failures, and the number of later failures with another cause.
     cause: Option<Cause<Fault>>,
-    /// Number of failed writes since a write was last answered.
+    /// Number of failed writes since the last answered write.
     failed_writes: u64,
     last_read: LastRead,
     alarm: Alarm,
@@ -49,8 +49,8 @@ enum LastRead {
 }
 
 impl Failures {
-    /// Records a failed request. Returns the text of a report, if one is necessary. A lost device is reported
-    /// elsewhere.
+    /// Records a failed request. Returns the text for a report, if the failure must be reported. Other code reports a
+    /// lost device.
     pub(super) fn fails(
         &mut self,
         fault: Fault,
@@ -85,12 +85,13 @@ impl Failures {
         std::mem::take(&mut self.alarm) == Alarm::Raised
     }
 
-    /// Records whether the device answers other requests. If it does, only the output can report unanswered writes.
+    /// Records whether the device answers other requests. If it does, the device does not count as lost, and the
+    /// output itself reports unanswered writes.
     pub(super) fn device_answers(&mut self, answers: bool) {
         self.last_read = if answers { LastRead::Answered } else { LastRead::NotAnswered };
     }
 
-    /// Records the result of an exchange. After a success, the next failure is reported again.
+    /// Records the result of an exchange. After a success, a new failure is reported again.
     pub(super) fn result(&mut self, input: Input) {
         match input {
             Input::Fact(Fact::Done { .. }) => {

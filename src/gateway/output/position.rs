@@ -1,4 +1,5 @@
-//! Corrected positions: D' = D + Cz, written as soon as the position D has been read. [`PositionController`] decides.
+//! Corrected positions: the gateway reads a position D, and at once writes the corrected position D' = D + Cz
+//! (compensation value) to a display or control. [`PositionController`] decides about the writes.
 
 use std::fmt::Display;
 
@@ -36,13 +37,14 @@ pub(in crate::gateway) struct Position {
     controller: PositionController,
     failures: Failures,
     is_saturated: bool,
-    /// Conversion of the written registers by the control, to check each value before it is sent.
+    /// Conversion of the registers to a value as the control makes it. It is used to check each value before the
+    /// write.
     control: Option<ControlView>,
 }
 
 impl Position {
-    /// Creates the executor of an output that writes a position plus Cz. It resumes from the Cz that was written last,
-    /// in this run or in the previous one.
+    /// Creates the executor of an output that writes a position plus Cz. The output continues from the Cz that was
+    /// written last, in this run or in the previous one.
     pub(in crate::gateway) fn new(shared: &LineHandle, id: OutputId, position: SignalId) -> Position {
         let profile = &shared.profile;
         Position {
@@ -55,7 +57,8 @@ impl Position {
         }
     }
 
-    /// Writes position + Cz as soon as a new position has been read.
+    /// Executes one turn of the output (work of the line task on it): writes position + Cz if a new position has been
+    /// read.
     pub(in crate::gateway) async fn turn(&mut self, turn: &mut LineTurn<'_>) {
         let (shared, now) = (turn.shared, turn.now);
         let output = shared.profile.output(self.id);
@@ -109,8 +112,8 @@ impl Position {
         shared.core().storage.outputs.turned(CountedWrite::Position(self.id), ended, snapshot, now);
     }
 
-    /// Writes a position with this Cz. `written` is the Cz that the register holds. Returns `None` if the control would
-    /// read another value, or one beyond the limit.
+    /// Writes the position plus the given Cz. `written` is the Cz that the register holds now. Returns `None` if the
+    /// control would read another value from the registers, or a value beyond the limit.
     async fn correct(
         &mut self,
         turn: &mut LineTurn<'_>,
@@ -195,8 +198,8 @@ impl Position {
         encoded
     }
 
-    /// Handles a value read back that differs from the written one. The difference is reported once, and the next
-    /// position is written normally.
+    /// Handles a value read back that differs from the written value. The difference is reported once. The next
+    /// position is written as usual.
     fn is_not_shown(
         &mut self,
         shared: &LineHandle,
@@ -214,7 +217,7 @@ impl Position {
         self.is_unverified(shared, &"the value read back is not the written value");
     }
 
-    /// Handles a failed write. A lost device is reported elsewhere; a device that refuses the write is reported here.
+    /// Handles a failed write. Reports a device that refuses the write. Other code reports a lost device.
     fn fail(&mut self, shared: &LineHandle, output: &Output, fault: Fault) {
         if fault.has_lapsed() {
             return;
@@ -240,8 +243,8 @@ impl Position {
         state.doubt();
     }
 
-    /// Writes dashes to a display whose position is not corrected. Returns `None` if the write failed; the next call by
-    /// the line task tries again.
+    /// Writes dashes to a display while its position is not corrected. Returns `None` if the write failed. The next
+    /// call by the line task then writes the dashes again.
     async fn show_dashes(&self, turn: &mut LineTurn<'_>, output: &Output) -> Option<PositionResult> {
         let stale = output.display.stale.as_ref()?;
         let text = (stale.register..).zip(stale.words.iter().copied());

@@ -29,29 +29,31 @@ use isotherm_core::output::{
 use isotherm_core::quantity::{Counts, Micron, Moment};
 use isotherm_profile::{Output, OutputId, Share, Writes};
 
-/// Time for which an unanswered write is still recognised in the register, as a multiple of `late`.
+/// Time for which the gateway still recognises the value of an unanswered write in the register, as a multiple of
+/// `late`.
 const REMEMBERED: u32 = 10;
-/// Longest time for saving the state of an output to disk. A longer time is reported as a fault of the disk.
+/// Maximum time for saving the state of an output to disk. After this time, a fault of the disk is reported.
 const DISK_PATIENCE: Duration = Duration::from_secs(5);
 
-/// Register of one output. It executes the actions of the output's controller, and reports its events.
+/// Register of one output. The code executes the actions of the output's controller, and reports the controller's
+/// events.
 #[derive(Debug)]
 pub(super) struct OutputRegister {
     pub(super) id: OutputId,
     pub(super) units: Units,
     pub(super) settings: Settings,
     failures: Failures,
-    /// Failures of the register in which the control reports the applied value.
+    /// Failed requests to the register in which the control reports the applied value.
     failures_applied: Failures,
     /// Writes that may still arrive, as they were last saved on disk. `None` if there were none.
     on_disk: Option<InFlightWrites>,
-    /// Version of the register ledger that is being saved, and the time at which saving began.
+    /// Version of the register ledger that the disk is storing, and the time at which this began.
     keeping: Option<(u64, Moment)>,
 }
 
 impl OutputRegister {
-    /// Creates the register of an output, and its controller at a start. `is_in_a_set`: the output belongs to an output
-    /// set, which is refreshed as a whole.
+    /// Creates the register of an output and its controller, when the task of the bus line begins. `is_in_a_set` is
+    /// true if the output belongs to an output set. Its value is then refreshed together with the set.
     pub(super) fn new(
         shared: &LineHandle,
         id: OutputId,
@@ -83,7 +85,7 @@ impl OutputRegister {
         (OutputRegister { id, units, settings, failures, failures_applied, on_disk, keeping }, controller)
     }
 
-    /// Reports the events of the controller. Returns the cause if the axis must resume from the register value.
+    /// Reports the events of the controller. Returns the cause if the axis must continue from the register value.
     pub(super) fn report_events(
         &mut self,
         shared: &LineHandle,
@@ -134,8 +136,8 @@ impl OutputRegister {
         resumes
     }
 
-    /// Encodes this register value for the write. Returns `None` if the control would read another value from the
-    /// result, or a value beyond the limit. The axis is then disarmed, with the reason.
+    /// Encodes a register value for a write. If the control would read another value from the registers, or a value
+    /// beyond the limit, disarms the axis with the reason, and returns `None`.
     pub(super) fn admitted(
         &self,
         shared: &LineHandle,
@@ -147,13 +149,13 @@ impl OutputRegister {
         encoded.map_err(|why| report::not_sent(shared, self.id, why)).ok()
     }
 
-    /// Records the result of an exchange, because a failure is reported only once until a success.
+    /// Records the result of an exchange. A failure is reported only once until the next success.
     pub(super) fn note(&mut self, input: Input) {
         self.failures.result(input);
     }
 
-    /// Handles a failed request of the register. A write that fails while the axis is off is ignored, because the
-    /// register value was only sent along with other outputs.
+    /// Handles a failed request to the register. A failed write is ignored while the axis is off, because the write
+    /// only repeated the register value together with the values of other outputs.
     pub(super) fn fail(
         &mut self,
         shared: &LineHandle,
@@ -188,7 +190,8 @@ impl OutputRegister {
         ));
     }
 
-    /// Handles a failed write. A write that was not sent because its last moment had passed is no failure.
+    /// Handles a failed write. If the write was not sent because its latest time had passed, this does not count as a
+    /// failure.
     pub(super) fn write_failed(
         &mut self,
         shared: &LineHandle,
@@ -200,7 +203,7 @@ impl OutputRegister {
         }
     }
 
-    /// Reads the applied value from the control, if a read is due. Returns `None` if none is due.
+    /// Reads the applied value from the control, if this read is due. Returns `None` if the read is not due.
     pub(super) async fn read_applied(
         &mut self,
         turn: &mut LineTurn<'_>,
@@ -224,7 +227,8 @@ impl OutputRegister {
         })
     }
 
-    /// Publishes the state of the register to axes and web page, and lets the axis resume from the register value.
+    /// Publishes the state of the register for the axes and the web page. If `resumes` contains a cause, the axis
+    /// continues from the register value.
     pub(super) fn publish(
         &mut self,
         shared: &LineHandle,
@@ -263,8 +267,8 @@ impl OutputRegister {
         shared.wake_others(shared.profile.device(output.device).bus);
     }
 
-    /// Saves the state of the output in the register ledger. Returns `None` if the disk has not answered: the next call
-    /// by the line task asks again.
+    /// Saves the state of the output in the register ledger. Returns `None` if the disk has not stored the state yet.
+    /// The next call by the line task then checks again.
     pub(super) async fn keep(
         &mut self,
         turn: &mut LineTurn<'_>,
@@ -336,7 +340,7 @@ impl OutputRegister {
         }
     }
 
-    /// Reports that the control does not apply the register value within the time `settle`.
+    /// Reports that the control has not applied the register value within the time `settle`.
     fn not_applied(&self, shared: &LineHandle, controller: &Controller, output: &Output) {
         let unit = output.writes.unit();
         let text = |value: f64| format!("{value:.1} {unit}");
@@ -350,8 +354,8 @@ impl OutputRegister {
         });
     }
 
-    /// Reports the value of the register at its first read, if it is in doubt whether the output wrote to this register
-    /// before.
+    /// Reports the value of the register after the first read, if it is not certain whether the output has written to
+    /// this register before.
     fn note_place(&self, controller: &Controller, output: &Output, core: &mut GatewayState) {
         let shown = controller.state().shown(&self.settings);
         let Some(seen) = shown.verified.filter(|_| !shown.is_only_acknowledged) else { return };
@@ -366,7 +370,8 @@ impl OutputRegister {
         }
     }
 
-    /// Publishes the state of a register to axes and web page. Returns the Cz in the register, if it is known.
+    /// Publishes the state of a register for the axes and the web page. Returns the Cz in the register, if it is
+    /// known.
     fn show(&self, controller: &Controller, demand: &OutputDemand, seen: &mut OutputState) -> Option<Micron> {
         let OutputRegister { units, settings, .. } = self;
         let state = controller.state();
@@ -393,12 +398,12 @@ impl OutputRegister {
     }
 }
 
-/// Returns whether a write was sent that was not answered and may still arrive.
+/// Returns whether a write has no answer yet, and may still arrive at the register.
 fn has_unanswered(state: &State) -> bool {
     state.copies().under_way().any(|sent| sent.answered.is_none())
 }
 
-/// Converts the fault of a write that was not confirmed to a result for the controller.
+/// Converts the fault of an unconfirmed write to a result for the controller.
 pub(super) fn not_done((fault, outcome): (Fault, Outcome)) -> WriteResult {
     match (fault, outcome) {
         (Fault::Caller(CallerFault::TooLate), Outcome::NotDone) => WriteResult::TooLate,

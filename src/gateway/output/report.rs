@@ -10,8 +10,8 @@ use isotherm_core::output::{self, Account, Controller};
 use isotherm_core::quantity::Counts;
 use isotherm_profile::{Output, OutputId};
 
-/// Converts an event of an output controller to an event of the gateway's event journal. Returns `None` if other code
-/// reports it.
+/// Converts an event of an output controller to an event for the event journal of the gateway. Returns `None` if
+/// other code reports the event.
 pub(super) fn event(
     (register, controller): (&OutputRegister, &Controller),
     output: &Output,
@@ -87,8 +87,8 @@ pub(super) fn not_sent(shared: &LineHandle, id: OutputId, why: Inadmissible) {
     shared.core().disarm(output.axis, why);
 }
 
-/// Returns the question to the operator which part of the register value is the operator offset, and which part the
-/// gateway has added.
+/// Returns the event that asks the operator about the value of a shared register: which part is the operator offset,
+/// and which part has the gateway added?
 pub(super) fn question((register, controller): (&OutputRegister, &Controller), output: &str) -> Event {
     let holds = controller.held(&register.settings);
     let (output, holds) = (output.to_owned(), register.units.in_text(holds));

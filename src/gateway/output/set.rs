@@ -1,5 +1,5 @@
-//! Executes the actions of the controller of an output set (outputs that are written together), and returns the results
-//! to the controller.
+//! Executor of an output set (outputs that are written together). It executes the actions of the set's controller,
+//! and returns the results to the controller.
 
 use std::slice::from_ref;
 
@@ -35,13 +35,13 @@ pub(in crate::gateway) struct Set {
     registers: Vec<OutputRegister>,
     settings: SetSettings,
     controller: SetController,
-    /// Values of the last read, as the registers hold them.
+    /// Register values of the last read.
     found: Vec<Encoded>,
-    /// For each output: the cause if its axis must resume from the register value.
+    /// Cause for each output, if its axis must continue from the register value; otherwise `None`.
     resumes: Vec<Option<Cause>>,
     /// Cause of the last failure of the handshake, as text.
     cause: String,
-    /// Time of the next turn of the output set (work of the line task on it), if nothing else happens.
+    /// Time of the next turn of the output set (work of the line task on it), if no event causes an earlier turn.
     pub(in crate::gateway) due: Moment,
 }
 
@@ -64,19 +64,19 @@ impl Set {
         Set { id, registers, settings, controller, found, resumes, cause, due: now }
     }
 
-    /// Returns the time of the next read of the acknowledge signal. `None` if the output set does not wait for the
-    /// acknowledge signal.
+    /// Returns the time of the next read of the acknowledge signal. `None` if the output set does not wait for this
+    /// signal.
     pub(in crate::gateway) fn next_read(&self) -> Option<Moment> {
         self.controller.strobe().next_read()
     }
 
-    /// Returns whether the line task began its work on an output of this set too late for the last decision.
+    /// Returns whether the line task came too late to write the last decision to an output of this set.
     pub(in crate::gateway) fn is_late(&self) -> bool {
         self.controller.is_late()
     }
 
-    /// Executes one turn of the output set (work of the line task on it): carries out the actions of its controller. A
-    /// turn never waits for the control. A later turn reads the acknowledge signal again.
+    /// Executes one turn of the output set (work of the line task on it): carries out the actions of its controller.
+    /// A turn never waits for the control. If the acknowledge signal is not set yet, a later turn reads it again.
     pub(in crate::gateway) async fn turn(&mut self, turn: &mut LineTurn<'_>) {
         let shared = turn.shared;
         let (demands, demand) = self.demand(shared, turn.now);
@@ -147,8 +147,8 @@ impl Set {
         self.step(shared, input, now)
     }
 
-    /// Gives the controller an input, reports its events, and writes input and action to the log. The new state is
-    /// stored outside this task, so that it outlives the task.
+    /// Gives the controller an input, reports the controller's events, and writes input and action to the log. The
+    /// new state is stored outside this task, so that it remains if the task fails.
     fn step(&mut self, shared: &LineHandle, input: &SetInput, now: Moment) -> SetAction {
         let is_logged = shared.core().storage.outputs.is_kept();
         let before = is_logged.then(|| self.controller.clone());
@@ -187,7 +187,7 @@ impl Set {
         shared.report(&Event::Handshake { set: set.label(), fault, register, cause: self.cause.clone() });
     }
 
-    /// Publishes the status of the handshake in the states of the outputs of the output set.
+    /// Publishes the status of the handshake in the state of each output of the output set.
     fn publish(&self, shared: &LineHandle, core: &mut GatewayState) {
         let strobe = self.controller.strobe();
         let status = HandshakeStatus {
@@ -266,7 +266,7 @@ impl Set {
         self.result(turn, &SetInput::Sent { result, left })
     }
 
-    /// Encodes these values as registers. Returns `None` if the control would read another value from a register.
+    /// Encodes the values as registers. Returns `None` if the control would read another value from the registers.
     fn encoded(&self, shared: &LineHandle, values: &[SetValue]) -> Option<Vec<Encoded>> {
         let each = self.registers.iter().zip(self.controller.members()).zip(values).zip(&self.found);
         each.map(|(((register, controller), value), found)| match value {
@@ -288,7 +288,7 @@ impl Set {
         self.result(turn, &SetInput::Sent { result, left })
     }
 
-    /// Counts a write of heartbeat and control word for the log.
+    /// Records a write of heartbeat and control word in the log.
     fn words_sent(&self, shared: &LineHandle, sent: Result<(), (Fault, Outcome)>, now: Moment) {
         if self.settings.words == SetWords::None {
             return;
@@ -332,7 +332,7 @@ impl Set {
     }
 }
 
-/// Sets or resets the strobe signal, which requests the control to take the written values.
+/// Sets or resets the strobe signal. The strobe signal tells the control to accept the written values.
 async fn write_strobe(
     turn: &mut LineTurn<'_>,
     device: DeviceId,
@@ -352,8 +352,8 @@ async fn write_strobe(
     turn.line.request(device, request, SendDeadline::None).await.map(|_| ())
 }
 
-/// Reads the acknowledge signal, by which the control shows that it has taken the values. Returns true if the signal is
-/// set.
+/// Reads the acknowledge signal, with which the control confirms that it has accepted the values. Returns true if the
+/// signal is set.
 async fn read_acknowledge(
     turn: &mut LineTurn<'_>,
     device: DeviceId,
@@ -387,7 +387,7 @@ fn settings(profile: &Profile, set: &OutputSet, registers: &[OutputRegister]) ->
     }
 }
 
-/// Returns the event at which the control takes the values of the output set.
+/// Returns the event on which the control accepts the values of the output set.
 fn taken_by(profile: &Profile, set: &OutputSet) -> CommitTrigger {
     let is_in_one = set.sequence.is_none() || set_modbus::stretches(profile, set).len() == 1;
     match () {

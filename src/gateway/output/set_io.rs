@@ -10,7 +10,7 @@ use isotherm_core::output::OwnWords;
 use isotherm_core::quantity::Moment;
 use isotherm_profile::OutputSet;
 
-/// Values of an output set, as they were read.
+/// Values of an output set from one read.
 #[derive(Clone, Debug)]
 pub(super) struct SetReadings {
     /// Value of each output.
@@ -21,7 +21,7 @@ pub(super) struct SetReadings {
     pub(super) asked: Moment,
 }
 
-/// Result of a write. An error contains the outcome for all values.
+/// Result of a write. In an error, the outcome applies to all values of the set.
 pub(super) type Written = Result<(), (Fault, Outcome)>;
 
 /// Reads all values of the output set.
@@ -32,7 +32,7 @@ pub(super) async fn read(turn: &mut LineTurn<'_>, set: &OutputSet) -> Result<Set
     }
 }
 
-/// Writes all values of the output set. After an error, [`Outcome`] applies to the set as a whole.
+/// Writes all values of the output set. In an error, the [`Outcome`] applies to the whole set.
 pub(super) async fn write(
     turn: &mut LineTurn<'_>,
     set: &OutputSet,

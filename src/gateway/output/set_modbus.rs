@@ -12,11 +12,11 @@ use isotherm_core::output::OwnWords;
 use isotherm_core::quantity::Moment;
 use isotherm_profile::{DeviceId, Output, OutputSet, Profile, Stretch};
 
-/// Register values, by the address offset of each register.
+/// Register values. The key is the address offset of the register.
 type Cells = BTreeMap<u16, u16>;
 
-/// Returns the values of all registers of the output set. `values` contains the value of each output, and `own` the
-/// number, the heartbeat and the control word of the set.
+/// Returns the values of all registers of the output set. `values` contains the value of each output, and `own`
+/// contains the sequence number, the heartbeat and the control word of the set.
 fn cells(profile: &Profile, set: &OutputSet, values: &[Encoded], own: OwnWords) -> Cells {
     let mut cells = Cells::new();
     if set.zeros {
@@ -46,12 +46,12 @@ fn register(at: Option<&Address>) -> Option<Register> {
     at.and_then(Address::register)
 }
 
-/// Returns the ranges of consecutive registers of the output set: one for each request, in the order of the requests.
+/// Returns the ranges of consecutive registers of the output set. Each range needs one request, in this order.
 pub(super) fn stretches(profile: &Profile, set: &OutputSet) -> Vec<Stretch> {
     set.stretches(set.members(profile), profile.device(set.device).longest_request())
 }
 
-/// Returns the registers of one output, out of the registers of the output set that were read.
+/// Returns the registers of one output. `cells` contains all registers of the output set.
 fn held(output: &Output, cells: &Cells) -> Encoded {
     let count = output.encoding.data_type.registers();
     let first = output.address.register();
@@ -60,7 +60,7 @@ fn held(output: &Output, cells: &Cells) -> Encoded {
     })
 }
 
-/// Returns the values of consecutive registers, 0 for a register that is not in `cells`.
+/// Returns the values of consecutive registers. The value of a register that is not in `cells` is 0.
 fn registers(cells: &Cells, stretch: &Stretch) -> Vec<u16> {
     let registers = (0..stretch.count).map(|place| stretch.from.saturating_add(place));
     registers.map(|register| cells.get(&register).copied().unwrap_or_default()).collect()
@@ -106,7 +106,8 @@ pub(super) async fn write_own(turn: &mut LineTurn<'_>, set: &OutputSet, own: Own
     write(turn, set.device, &words.collect(), SendDeadline::None).await
 }
 
-/// Writes these register values. Adjacent registers share a request. An error contains the outcome for all values.
+/// Writes the register values in `cells`. Adjacent registers share a request. In an error, the outcome applies to all
+/// values.
 pub(super) async fn write(
     turn: &mut LineTurn<'_>,
     device: DeviceId,
@@ -118,9 +119,9 @@ pub(super) async fn write(
     write_stretches(turn, device, &stretches, cells, leave).await
 }
 
-/// Writes these register values, with one request for each range of consecutive registers. Only the first request must
-/// be sent within the deadline `leave`, because the others complete it. An error contains the outcome for all values:
-/// after the first request, some have arrived.
+/// Writes the register values in `cells`, with one request for each range of consecutive registers. The deadline
+/// `leave` applies only to the first request, because the other requests complete the write. In an error, the outcome
+/// applies to all values: after the first request, some values have arrived.
 async fn write_stretches(
     turn: &mut LineTurn<'_>,
     device: DeviceId,

@@ -1,8 +1,8 @@
-//! Nodes of an output set (outputs that are written together) on an OPC UA server. They are written by one request and
-//! read back together.
+//! Nodes of an output set (outputs that are written together) on an OPC UA server. One request writes all nodes, and
+//! one request reads them back.
 //!
-//! A server may write the nodes of a request in any order, and only some of them. The values are therefore verified
-//! only when they were read back.
+//! A server may write the nodes of a request in any order, and may write only some of them. The values are therefore
+//! verified only after they were read back.
 
 use super::set_io::{SetReadings, Written};
 use super::turn::LineTurn;
@@ -67,7 +67,7 @@ pub(super) async fn write_own(turn: &mut LineTurn<'_>, set: &OutputSet, own: Own
     sent.map(|_| ()).map_err(|fault| (fault, fault.outcome()))
 }
 
-/// Returns the lowest 16 bits of an integer.
+/// Returns the lowest 16 bits of an integer value.
 fn low(found: Encoded) -> u16 {
     found.registers().last().copied().unwrap_or_default()
 }

@@ -1,4 +1,4 @@
-//! Executor of an output that is written separately, and not as a part of an output set.
+//! Executor of an output that is written separately, and does not belong to an output set.
 
 use super::demand::OutputDemand;
 use super::failures::RequestKind;
@@ -17,7 +17,7 @@ use isotherm_profile::OutputId;
 pub(in crate::gateway) struct Single {
     register: OutputRegister,
     controller: Controller,
-    /// Time of the next turn of the output (work of the line task on it), if nothing else happens.
+    /// Time of the next turn of the output (work of the line task on it), if no event causes an earlier turn.
     pub(in crate::gateway) due: Moment,
 }
 
@@ -27,13 +27,13 @@ impl Single {
         Single { register, controller, due: now }
     }
 
-    /// Returns whether the line task began its work on the output too late for the last decision.
+    /// Returns whether the line task came too late to write the last decision to the output.
     pub(in crate::gateway) fn is_late(&self) -> bool {
         self.controller.follow() == Follow::Late
     }
 
     /// Executes one turn of the output (work of the line task on it): carries out the actions of its controller until
-    /// there is nothing to do.
+    /// the controller has no further action.
     pub(in crate::gateway) async fn turn(&mut self, turn: &mut LineTurn<'_>) {
         let (shared, now) = (turn.shared, turn.now);
         let demand = OutputDemand::of(shared, &shared.core(), self.register.id, now);
@@ -76,8 +76,8 @@ impl Single {
     }
 
     /// Gives the controller an input, reports its events, and writes input and action to the log. The new state is
-    /// stored outside this task, so that it outlives the task. Returns the cause if the axis must resume from the
-    /// register value.
+    /// stored outside this task, so that it remains if the task fails. Returns the cause if the axis must continue
+    /// from the register value.
     fn step(&mut self, shared: &LineHandle, input: Input, now: Moment) -> Option<Cause> {
         let (id, before) = (self.register.id, self.controller);
         let action = self.controller.step(&self.register.settings, input, now);

@@ -6,7 +6,7 @@ use crate::observe::events::Event;
 use crate::observe::requester::Requester;
 use isotherm_core::explained::Explained;
 
-/// Returns the event of a command that was carried out or refused.
+/// Returns the event that reports a command, whether the command was carried out or refused.
 pub(in crate::gateway) fn reported(
     command: String,
     axes: Vec<String>,
@@ -20,8 +20,8 @@ pub(in crate::gateway) fn reported(
     }
 }
 
-/// Carries out a command, unless its deadline is over or its sender has disconnected. The event of the command comes
-/// before the events that it causes.
+/// Carries out a command, unless its deadline is over or its sender has disconnected. The event about the command
+/// precedes the events that the command causes.
 pub(in crate::gateway) fn carry_out<T>(
     shared: &Shared,
     (command, axes): (String, Vec<String>),

@@ -9,12 +9,12 @@ use isotherm_core::compensation::{Change, Preferred, Unfit};
 use isotherm_core::explained::Explained;
 use isotherm_profile::Profile;
 
-/// Hint for a change that the compensation rejects.
+/// Hint for a change of the model that does not fit the profile.
 const LEARN_AGAIN: &str = "run `isotherm learn` again";
 
 impl GatewayState {
-    /// Takes the candidate (proposed model) of an axis that `isotherm learn` has written. If the profile allows it, the
-    /// gateway adopts a better candidate at the next datum (new zero point of Cz).
+    /// Processes a new candidate (proposed model) of an axis that `isotherm learn` has written. If the profile allows
+    /// it, the gateway adopts a better candidate at the next datum (new zero point of Cz).
     pub(in crate::gateway) fn take_candidate(&mut self, axis: usize, offer: Option<Offer>) {
         let profile = self.given.profile.clone();
         let Some(preference) = self.compensation.preference(axis) else { return };
@@ -42,10 +42,9 @@ impl GatewayState {
         }
     }
 
-    /// Adopts the candidate of an axis, because an operator has confirmed it. Returns a sentence.
+    /// Adopts the candidate of an axis, because an operator has confirmed it. Returns a sentence for the operator.
     ///
-    /// # Errors
-    /// Returns why the candidate is not adopted.
+    /// # Errors Returns why the candidate is not adopted.
     pub(in crate::gateway) fn adopt(&mut self, axis: usize) -> Result<String, Explained> {
         let profile = self.given.profile.clone();
         let preference = self.compensation.preference(axis).ok_or_else(|| not_learning(&profile, axis))?;
@@ -53,10 +52,10 @@ impl GatewayState {
         self.changed(axis, change)
     }
 
-    /// Returns to the model that an axis preferred before, or withdraws a change that waits. Returns a sentence.
+    /// Returns to the model that the axis used before, or withdraws a change of the model that is not carried out
+    /// yet. Returns a sentence for the operator.
     ///
-    /// # Errors
-    /// Returns why there is no such model.
+    /// # Errors Returns why the axis has no previous model.
     pub(in crate::gateway) fn adopt_back(&mut self, axis: usize) -> Result<String, Explained> {
         let profile = self.given.profile.clone();
         let preference = self.compensation.preference(axis).ok_or_else(|| not_learning(&profile, axis))?;
@@ -79,8 +78,8 @@ impl GatewayState {
         Ok(format!("{name}: follows {to} from the next step in which Cz does not move"))
     }
 
-    /// Requests a change of the preferred model, and records the request in the log. `None` withdraws a waiting
-    /// request.
+    /// Requests a change of the preferred model, and records the request in the log. `None` withdraws a request that
+    /// is not carried out yet.
     fn prefer(&mut self, axis: usize, change: Option<Change>) -> Result<(), Explained> {
         let rejected = |unfit: Unfit| Explained::new(unfit.to_string(), LEARN_AGAIN);
         self.compensation.prefer(axis, change.clone()).map_err(rejected)?;
@@ -88,15 +87,14 @@ impl GatewayState {
         Ok(())
     }
 
-    /// Records in the log a request to change the preferred model. `None` records that the waiting request was
-    /// withdrawn.
+    /// Records a requested change of the preferred model in the log. `None` records that the request was withdrawn.
     fn requested(&mut self, axis: usize, change: Option<&Change>) {
         self.storage.preferred(axis, change);
         self.storage.remember_soon();
         self.next_due = self.compensation.next_due();
     }
 
-    /// Reports each axis whose preferred model has changed in this step. Returns whether there is one.
+    /// Reports each axis whose preferred model has changed in this step. Returns whether an axis was reported.
     pub(super) fn report_preferred(&mut self, profile: &Profile) -> bool {
         let mut any = false;
         for (axis, own) in profile.axes.iter().enumerate() {

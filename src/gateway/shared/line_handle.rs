@@ -1,4 +1,4 @@
-//! Access of a line task to the shared state of the gateway.
+//! Access of the task of a bus line to the shared state of the gateway.
 
 use std::ops::Deref;
 use std::sync::Arc;
@@ -18,17 +18,17 @@ use isotherm_core::output::Beat;
 use isotherm_core::quantity::Moment;
 use isotherm_profile::{Arm, BusId, DeviceId, OnStop, OutputId, Signal};
 
-/// Minimum time between two checks whether the computer's clock was set. The checks follow the steps of the axes.
+/// Minimum time between two checks whether the computer's clock was set. A check is made after a step of the axes.
 const DAY_EVERY: Duration = Duration::from_millis(100);
 
-/// Access of one line to the shared state.
+/// Access of the task of one bus line to the shared state.
 #[derive(Clone)]
 pub(in crate::gateway) struct LineHandle {
     shared: Arc<Shared>,
     bus: BusId,
 }
 
-/// Access to the profile, the clock and the lock of the shared state.
+/// Gives the line task access to the profile, the clock and the lock of the shared state.
 impl Deref for LineHandle {
     type Target = Shared;
 
@@ -42,8 +42,8 @@ impl LineHandle {
         LineHandle { shared, bus }
     }
 
-    /// Steps each axis that is due, and wakes the other lines whose outputs may have to be written. A line calls this
-    /// function after it has read inputs. Returns the time at which the next axis is due.
+    /// Steps (calculates) each axis that is due, and wakes the other bus lines whose outputs may need a write. A line
+    /// task calls this function after it has read inputs. Returns the time at which the next axis is due.
     pub(in crate::gateway) fn advance(&self, now: Moment) -> Option<Moment> {
         let mut core = self.core();
         let stepped = core.advance(now);
@@ -81,8 +81,8 @@ impl LineHandle {
         }
     }
 
-    /// Checks the latest readings of this line for a restart of the control, before outputs are written. After a
-    /// restart, wakes every line.
+    /// Checks whether the latest readings of this line show a restart of the control, before outputs are written.
+    /// After a restart, wakes the tasks of all lines.
     pub(in crate::gateway) fn check_for_restarts(&self, now: Moment) {
         if !self.dependents.shows_restarts[self.bus.0] {
             return;
@@ -96,8 +96,8 @@ impl LineHandle {
         }
     }
 
-    /// Reports that a decided change was not sent, because the line reached the output after `not_after`. The readings
-    /// of the decision were then too old.
+    /// Reports that a change was not sent, because the line task reached the output after `not_after`. At that time,
+    /// the readings on which the change depends were too old.
     pub(in crate::gateway) fn order_lapsed(&self, id: OutputId, not_after: Moment) {
         // The default moment means that no earlier decision may be used, so nothing is late.
         if not_after == Moment::default() {
@@ -109,8 +109,8 @@ impl LineHandle {
         self.overrun(bus, 1, late, || format!("a change of output {}", output.name));
     }
 
-    /// Counts `count` late cycles, of which the last was late by `late`. Reports them with the text of `what`, unless
-    /// late cycles were reported recently.
+    /// Counts `count` late cycles of a bus line. `late` is the largest delay, and `what` describes its cycle. Reports
+    /// the late cycles, unless such a report was made recently.
     pub(in crate::gateway) fn overrun(
         &self,
         bus: BusId,
@@ -126,8 +126,8 @@ impl LineHandle {
         }
     }
 
-    /// Returns the state of the heartbeat for the next request. Heartbeats begin with the first arming or, with `arm =
-    /// "auto"`, with the first valid reading. They end with the process.
+    /// Returns the state of the heartbeat for the next request. Heartbeats begin with the first arming. With
+    /// `arm = "auto"`, they already begin with the first valid reading. They end with the process.
     pub(in crate::gateway) fn beat(&self, now: Moment) -> Beat {
         let (core, arm) = (self.core(), self.profile.arm);
         if self.dry_run || !(core.was_armed || (arm == Arm::Auto && core.has_read)) {
@@ -137,8 +137,8 @@ impl LineHandle {
         if self.head_lives(now) { Beat::Counts } else { Beat::Stands }
     }
 
-    /// Returns whether the axes were stepped in time. If not, the heartbeat stops counting, although the lines work.
-    /// While another program takes over, the axes need no steps.
+    /// Returns whether the axes were stepped (calculated) in time. If they were not, the heartbeat no longer counts,
+    /// even if the bus lines work. While another program takes over, the axes need no steps.
     fn head_lives(&self, now: Moment) -> bool {
         let (every, core) = (self.dependents.shortest_period, self.core());
         core.phase.stop() == Some(OnStop::Hold)
@@ -146,7 +146,7 @@ impl LineHandle {
     }
 }
 
-/// Counts the result of each request, and reports the beginning and the end of failures.
+/// Counts the result of each request on this line, and reports when failures begin and end.
 impl RequestObserver for LineHandle {
     fn note(
         &self,
@@ -176,8 +176,8 @@ impl RequestObserver for LineHandle {
         }
     }
 
-    /// Returns whether the device has passed its checks. Always `true` in a dry run: nothing is written, so the outputs
-    /// are read even if the checks do not pass.
+    /// Returns whether the device has passed its checks. Always `true` in a dry run. A dry run writes nothing, so it
+    /// reads the outputs even if the checks do not pass.
     fn is_verified(&self, device: DeviceId) -> bool {
         let (now, mut core) = (self.clock.now(), self.core());
         core.devices.notice_silence(device, now);
@@ -195,7 +195,7 @@ impl RequestObserver for LineHandle {
         self.core().events.push(Event::GatewayTimeout { bus, own, timeout });
     }
 
-    /// Reports that another master uses the line. The report is repeated when messages of a new form arrive.
+    /// Reports that another master uses the bus line. The report is repeated when messages of a new form arrive.
     fn shares_line(&self, attribute: &dyn Fn(u8, Request<'_>) -> Attribution) {
         let mut ids = Vec::new();
         for (id, device) in self.profile.devices_on(self.bus) {
@@ -239,7 +239,7 @@ impl RequestObserver for LineHandle {
     }
 }
 
-/// Counts the result of a request to a device, and reports the beginning and the end of failures.
+/// Counts the result of a request to a device, and reports when failures begin and end.
 fn count(
     core: &mut GatewayState,
     (device, request): (DeviceId, Request<'_>),
@@ -271,11 +271,11 @@ fn count(
     }
 }
 
-/// Maximum number of signals that a message names. The message gives the number of the others.
+/// Maximum number of signals that a message lists by name. The message also contains the number of further signals.
 const NAMED: usize = 8;
 
-/// Explains that another master uses the line. `signals` are the signals for which messages of the other master look
-/// like answers.
+/// Returns cause and hint for another master on the bus line. `signals` are the signals for which messages of the
+/// other master look like answers.
 fn another_master(signals: &[&Signal]) -> Explained {
     let list = |signals: &[&Signal]| {
         let named: Vec<&str> = signals.iter().take(NAMED).map(|signal| signal.name.as_str()).collect();

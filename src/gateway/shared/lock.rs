@@ -1,5 +1,5 @@
-//! Lock guard of the shared state (value that releases the lock when it is dropped). It measures how long the lock is
-//! held, and reports the events that were added under the lock.
+//! Lock guard of the shared state (value that releases the lock when it is dropped). The guard measures how long the
+//! lock is held. After the release, it reports the events that were added under the lock.
 
 use std::ops::{Deref, DerefMut};
 use std::sync::MutexGuard;
@@ -12,11 +12,11 @@ use isotherm_core::quantity::Moment;
 /// Upper bounds of the histogram's buckets, in µs.
 const BOUNDS_US: [u64; 8] = [2, 5, 10, 20, 50, 100, 500, 5000];
 
-/// Number of locks for each measurement: two clock samples cost more time than most locks. The number is prime, so that
-/// in a repeated sequence of locks not always the same one is measured.
+/// One in this many locks is measured, because the two clock samples of a measurement cost more time than most locks.
+/// The number is prime, so that a repeated sequence of locks is measured at different places.
 const SAMPLED: u64 = 17;
 
-/// Histogram of the times for which the lock was held. Another task may wait for the lock as long.
+/// Histogram of the times for which the lock was held. Another task may have to wait for the lock for the same time.
 #[derive(Clone, Copy, Debug, Default)]
 pub(in crate::gateway) struct LockTimes {
     taken: u64,
@@ -45,14 +45,14 @@ impl LockTimes {
     }
 }
 
-/// Lock guard of the shared state: the lock is released when it is dropped. Events in [`GatewayState::events`] are
-/// reported as soon as the lock is free again.
+/// Lock guard of the shared state: the lock is released when the guard is dropped. The events in
+/// [`GatewayState::events`] are reported directly after the release.
 pub(in crate::gateway) struct StateGuard<'a> {
     core: MutexGuard<'a, GatewayState>,
     /// Start of the measurement; `None` if this lock is not measured.
     since: Option<Moment>,
-    /// Events to report. This field is declared after the lock, so that it is dropped, and reports, when the lock is
-    /// free.
+    /// Events to report. The order of the fields is important: this field is dropped after the lock, and reports its
+    /// events when it is dropped.
     after: Unreported<'a>,
 }
 

@@ -1,5 +1,6 @@
-//! OPC UA namespaces that the profile names by index. The module saves their URIs, and reports or refuses indices to
-//! which the server has assigned another namespace. [`isotherm_core::namespaces`] decides which.
+//! OPC UA namespaces that the profile refers to by index. The code saves the URI of each namespace. If the server has
+//! assigned another namespace to an index, the code reports or refuses the index, as [`isotherm_core::namespaces`]
+//! decides.
 
 use std::path::Path;
 
@@ -62,13 +63,14 @@ impl NamespaceWatch {
         }
     }
 
-    /// Returns whether the namespace of an index cannot be identified. No device of the server may then be used.
+    /// Returns whether an index has a namespace that cannot be identified. The devices of the server may then not be
+    /// used.
     pub(in crate::gateway) fn is_lost(&self) -> bool {
         self.found.iter().any(|(_, located)| located.is_lost())
     }
 
-    /// Returns why a device of the server may not be used: one difference for each index whose namespace cannot be
-    /// identified.
+    /// Returns why a device of the server may not be used. The list contains one difference for each index whose
+    /// namespace cannot be identified.
     pub(in crate::gateway) fn differences(&self, profile: &Path, device: &str) -> Vec<Difference> {
         let lost = self.found.iter().filter(|(_, located)| located.is_lost());
         let difference = |(index, located): &(u16, Located)| {
@@ -103,7 +105,7 @@ impl NamespaceWatch {
 /// confirmed a device of this server. Returns a message, or `None` if all indices can be identified.
 ///
 /// # Errors
-/// The server has no namespace at such an index. Or an operator also writes to a register in the namespace, and its
+/// The server has no namespace at such an index. Or a register in the namespace is shared with an operator, and its
 /// entry in the register ledger belongs to the former namespace.
 pub(in crate::gateway) fn confirm_namespaces(
     profile: &Profile,

@@ -1,7 +1,7 @@
-//! Rate limit of commands: one per second for each axis and verb, over all channels. A faulty program can then move
-//! nothing faster than an operator.
+//! Rate limit of commands: one per second for each axis and verb, over all channels. Therefore a faulty program
+//! cannot move the machine faster than an operator could.
 //!
-//! The present time is an argument.
+//! The present time is an argument of the functions.
 
 use std::collections::HashMap;
 use std::time::Duration;
@@ -9,7 +9,7 @@ use std::time::Duration;
 use isotherm_core::quantity::Moment;
 
 const SPAN: Duration = Duration::from_secs(1);
-/// Number of entries above which expired entries are removed.
+/// Number of entries above which the table removes expired entries.
 const MANY: usize = 256;
 
 /// Subject of a command, for which its rate is limited.
@@ -21,12 +21,12 @@ pub(in crate::gateway) enum RateSubject {
     Device(usize),
     /// Active alarm, by its name.
     Alarm(String),
-    /// Subject that does not exist. All such commands share one limit.
+    /// Subject that does not exist, for example an unknown axis. All commands for such subjects share one limit.
     Nothing,
 }
 
-/// Present time by two clocks: `machine` is the time of the machine, `passed` is real time. In a demo the two differ. A
-/// command is allowed after one second by either clock.
+/// Present time by two clocks: `machine` is the time of the machine, `passed` is real time. The two clocks differ in
+/// a demo. A command is allowed if one second has passed by one of the clocks.
 #[derive(Clone, Copy, Debug)]
 pub(in crate::gateway) struct PresentTime {
     pub(in crate::gateway) machine: Moment,
@@ -44,7 +44,8 @@ impl PresentTime {
 pub(in crate::gateway) struct Rates(HashMap<(RateSubject, &'static str), PresentTime>);
 
 impl Rates {
-    /// Returns whether a command is allowed. If so, the time is recorded for all its subjects, otherwise for none.
+    /// Returns whether a command is allowed. If so, records the time for all subjects of the command. Otherwise,
+    /// records nothing.
     pub(in crate::gateway) fn take(
         &mut self,
         verb: &'static str,
@@ -62,7 +63,7 @@ impl Rates {
         true
     }
 
-    /// Records the time of a command, even if the previous one was less than a second ago.
+    /// Records the time of a command without a check of the rate limit.
     pub(in crate::gateway) fn note(&mut self, verb: &'static str, about: &[RateSubject], now: PresentTime) {
         if self.0.len() > MANY {
             self.0.retain(|_, last| !now.is_later_by(SPAN, *last));

@@ -1,14 +1,14 @@
 //! Course of a release: a former register returns to its base value, which is its value without the gateway's offset.
 //! An operator requests the release, and the next start arms an additional axis for the register. The release is over
-//! when the register was read back at its base value. If the gateway ends before, the next start reports the register
-//! again.
+//! when the base value was read back from the register. If the gateway ends during a release, the next start reports
+//! the register again.
 //!
 //! ```text
 //! ask ─► state ─► restart --keep ─► begin ─► armed, step by step ─► follow: read back at the base ─► over
 //!                                     └────► another value, or the axis is off ─► register-left again
 //! ```
 //!
-//! No command and no `arm = "auto"` arms such an axis.
+//! A command or `arm = "auto"` cannot arm such an axis.
 
 use std::sync::Arc;
 
@@ -25,18 +25,18 @@ use isotherm_core::place::{FormerPlace, Owner, Release, Stage};
 use isotherm_core::quantity::{Micron, Moment};
 use isotherm_profile::safe_file::quoted;
 
-/// Maximum difference between the Cz that was shown to the operator and the present Cz, µm. The display rounds Cz to a
-/// tenth of a micrometre.
+/// Maximum difference between the Cz (compensation value) that the operator has seen and the present Cz, µm. The
+/// display rounds Cz to a tenth of a micrometre.
 const AS_SHOWN_UM: f64 = 0.05;
 
-/// Cause and hint that the axis of a finished release shows.
+/// Cause and hint that the status shows for the axis of a finished release.
 const OVER: (&str, &str) = (
     "the register is back at its base value: the release is over",
     "nothing is left to do: the next start does not have this axis",
 );
 
-/// Creates a request to arm the axis of each release that begins with this start. A release returns a register to its
-/// base value.
+/// Requests to arm the additional axis of each release that begins with this start. A release returns a register to
+/// its base value.
 pub(in crate::gateway) fn begin(core: &mut GatewayState, now: Moment) {
     for ReturningRegister { axis, release, .. } in core.releases.returning.clone() {
         let by = Requester::new(Channel::Restart, format!("released {}", release.by));
@@ -110,7 +110,7 @@ fn remove(core: &mut GatewayState, one: &ReturningRegister) -> Option<FormerPlac
     Some(places.former.remove(at))
 }
 
-/// Ends a release whose register was read back at its base value.
+/// Ends a release after the base value was read back from the register.
 fn ended(core: &mut GatewayState, one: &ReturningRegister) {
     let Release { output, place, .. } = &one.release;
     let former = remove(core, one).map(|former| FormerPlace { held_um: Some(0.0), found_um: None, ..former });
@@ -143,8 +143,8 @@ fn given_up(core: &mut GatewayState, one: &ReturningRegister, found: Option<Micr
     }
 }
 
-/// Records the last verified value of a release that was given up, as soon as writes of the gateway can no longer
-/// arrive.
+/// Updates the report of a release that was given up. When writes of the gateway can no longer arrive, the function
+/// records the last verified value of the register.
 fn settle(core: &mut GatewayState, one: &ReturningRegister) {
     let ReturningRegister { release, grain_um, .. } = one;
     let register = core.registers[one.output.0].as_ref();
@@ -168,8 +168,8 @@ fn settle(core: &mut GatewayState, one: &ReturningRegister) {
     core.storage.remember_soon();
 }
 
-/// Requests the return of an output's former registers to their base values, which begins at the next start. `seen`
-/// contains the Cz in each register as it was shown to the operator, µm. Returns a sentence.
+/// Requests the return of an output's former registers to their base values. The return begins at the next start.
+/// `seen` contains the Cz in each register as it was shown to the operator, µm. Returns a sentence for the operator.
 ///
 /// # Errors
 /// The output has no such register, the register cannot be released, or it no longer holds the value that was shown.
@@ -244,8 +244,8 @@ pub(in crate::gateway) fn ask(
     Ok(said)
 }
 
-/// Withdraws the request to release the former registers of an output, if the release has not begun. Returns a
-/// sentence.
+/// Withdraws the request to release the former registers of an output, unless the release has begun. Returns a
+/// sentence for the operator.
 pub(in crate::gateway) fn take_back(core: &mut GatewayState, output: &str) -> String {
     let saved = &mut Arc::make_mut(&mut core.places.places).releases;
     saved.retain(|release| release.output != output || release.stage == Stage::Begun);
@@ -260,8 +260,9 @@ fn release(core: &GatewayState, former: &FormerPlace, by: String) -> Option<Rele
     Some(Release { output, place, bounds, from_um, operator, held_um, stage, by })
 }
 
-/// Returns the last known operator offset (part of the value that the operator entered) of a former register, in the
-/// unit of the register. `None` if the register is not shared, or if the offset is not known.
+/// Returns the last known operator offset of a former register (the part of the register value that the operator
+/// entered). The offset has the unit of the register. `None` if the register is not shared, or if the offset is not
+/// known.
 fn operators(core: &GatewayState, FormerPlace { place, bounds, .. }: &FormerPlace) -> Option<f64> {
     let mut parts = core.releases.parts.iter().rev();
     let found = parts.find(|(known, _)| known == place).map(|(_, part)| *part);

@@ -1,8 +1,8 @@
 //! State that the bus lines, the web page and the commands share. Its lock is held for microseconds, and never while a
 //! task waits.
 //!
-//! A line accesses the state through its [`LineHandle`](super::line_handle::LineHandle), web page and commands through
-//! the [`ApiBackend`](crate::gateway::api::api_backend::ApiBackend).
+//! A line task uses the state through its [`LineHandle`](super::line_handle::LineHandle). Web page and commands use
+//! the state through the [`ApiBackend`](crate::gateway::api::api_backend::ApiBackend).
 
 use std::ops::Range;
 use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
@@ -25,17 +25,17 @@ use isotherm_profile::{BusId, Profile};
 /// Work that the bus lines may do.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(in crate::gateway) enum LineWork {
-    /// All work: reads, steps and outputs.
+    /// All work: reads, steps (calculations) of the axes, and outputs.
     #[default]
     All,
     /// Reads, heartbeats and corrected positions. No output changes its state or its entry in the register ledger.
     WithoutOutputs,
-    /// Reads, heartbeats and corrected positions. In addition, each line closes its connection to an OPC UA server,
-    /// because the server would keep its state of the connection.
+    /// Reads, heartbeats and corrected positions. Each line also closes its connection to an OPC UA server, because
+    /// the server would otherwise keep the state of the connection.
     Leave,
 }
 
-/// State of the gateway, shared by its tasks.
+/// State of the gateway that its tasks share.
 pub(crate) struct Shared {
     pub(crate) profile: Arc<Profile>,
     pub(crate) clock: Clock,
@@ -45,18 +45,18 @@ pub(crate) struct Shared {
     pub(in crate::gateway) ledger: Ledger,
     pub(in crate::gateway) dependents: Arc<Dependents>,
     wakeups: Mutex<Vec<Wakeup>>,
-    /// For each bus: the number of wakeups of its line. `turns`: the number of actions of its line task.
+    /// Number of wakeups of each bus line (`news`), and number of actions of each line task (`turns`).
     news: Vec<AtomicU64>,
     turns: Vec<AtomicU64>,
     core: Mutex<GatewayState>,
-    /// Notification that another program shall replace this one.
+    /// Notification that another program replaces this program.
     pub(in crate::gateway) replaced: Notify,
     line_work: Mutex<LineWork>,
-    /// Number of lines that have finished all exchanges of their outputs, and begin no others.
+    /// Number of bus lines whose outputs are idle: all their exchanges have ended, and no exchange may begin.
     resting: AtomicUsize,
     /// Time of the last command for each subject and verb.
     rates: Mutex<Rates>,
-    /// Figures about publishing to an MQTT broker; `None` without a broker.
+    /// Figures about the messages that are published to an MQTT broker; `None` without a broker.
     pub(in crate::gateway) broker: Option<Arc<BrokerFigures>>,
     /// Files of the profile that have changed on disk.
     pub(in crate::gateway) profile_changes: Arc<ProfileChanges>,
@@ -96,7 +96,7 @@ impl Shared {
         }
     }
 
-    /// Adds the figures about publishing to an MQTT broker, and the changed files of the profile.
+    /// Adds the figures about the messages to an MQTT broker, and the list of changed files of the profile.
     pub(in crate::gateway) fn showing(
         self,
         broker: Option<Arc<BrokerFigures>>,
@@ -105,8 +105,8 @@ impl Shared {
         Shared { broker, profile_changes, ..self }
     }
 
-    /// Locks the state until the returned lock guard is dropped. If a task has panicked with the lock, the gateway is
-    /// stopping already, but the fault actions still need the state.
+    /// Locks the state until the returned lock guard is dropped. If a task has panicked while it held the lock, the
+    /// state is returned nevertheless: the gateway is stopping, and the fault actions need the state.
     pub(in crate::gateway) fn core(&self) -> StateGuard<'_> {
         StateGuard::new(self.core.lock().unwrap_or_else(PoisonError::into_inner), self)
     }
@@ -127,12 +127,13 @@ impl Shared {
         self.wake_where(|_| true);
     }
 
-    /// Wakes the lines of all other buses. The line of `bus` is awake.
+    /// Wakes the tasks of all bus lines except that of `bus`, which is the caller.
     pub(in crate::gateway) fn wake_others(&self, bus: BusId) {
         self.wake_where(|place| place != bus.0);
     }
 
-    /// Wakes the lines of all other buses that may have something to write or to check after a step of the axes.
+    /// Wakes the other bus lines that may have to write or check something after a step of the axes. The line of
+    /// `bus` is the caller.
     pub(in crate::gateway) fn wake_followers(&self, bus: BusId) {
         self.wake_where(|place| place != bus.0 && self.dependents.follows_steps[place]);
     }
@@ -163,13 +164,13 @@ impl Shared {
         self.turns[bus.0].load(Ordering::Relaxed)
     }
 
-    /// Returns the number of wakeups of a line so far. A line that never sleeps compares this number to notice a
-    /// wakeup.
+    /// Returns how often the line of a bus has been woken so far. A line task that never sleeps compares this number
+    /// to detect a wakeup.
     pub(in crate::gateway) fn news(&self, bus: BusId) -> u64 {
         self.news[bus.0].load(Ordering::Relaxed)
     }
 
-    /// Replaces the wakeup (handle that wakes the task) of a line whose task was started again.
+    /// Replaces the wakeup (handle that wakes the task) of a bus line, because its task was started again.
     pub(in crate::gateway) fn register_wakeup(&self, bus: BusId, wakeup: Wakeup) {
         let mut wakeups = self.wakeups.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some(place) = wakeups.get_mut(bus.0) {
@@ -177,7 +178,7 @@ impl Shared {
         }
     }
 
-    /// Limits the work of the lines from now on.
+    /// Limits the work that the bus lines may do to `work`.
     pub(in crate::gateway) fn limit_lines(&self, work: LineWork) {
         *self.line_work.lock().unwrap_or_else(PoisonError::into_inner) = work;
         self.wake();
@@ -187,12 +188,12 @@ impl Shared {
         *self.line_work.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Counts one more line on which no exchange of an output is running.
+    /// Records that the outputs of one more bus line are idle: no exchange is running.
     pub(in crate::gateway) fn outputs_idle(&self) {
         self.resting.fetch_add(1, Ordering::Release);
     }
 
-    /// Returns the number of lines on which no exchange of an output is running.
+    /// Returns the number of bus lines whose outputs are idle.
     pub(in crate::gateway) fn resting_lines(&self) -> usize {
         self.resting.load(Ordering::Acquire)
     }
@@ -201,8 +202,8 @@ impl Shared {
         self.core().pauses.count()
     }
 
-    /// Handles a pause of the computer since the moment `since`. Each task detects the pause by itself; only the first
-    /// call reports it.
+    /// Handles a pause of the computer that began at `since`. Each task detects the pause and calls this function,
+    /// but only the first call reports the pause.
     pub(in crate::gateway) fn stalled_at(&self, since: Moment) {
         let now = self.clock.now();
         let mut core = self.core();

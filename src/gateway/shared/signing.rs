@@ -1,5 +1,6 @@
-//! Sign check of an axis with a dial gauge. Cz moves a little in the plus direction and back, and the operator reports
-//! in which direction the gauge moved. Limit, step and rate of the axis apply to this movement as usual.
+//! Sign check of an axis with a dial gauge. Cz (compensation value) moves a little in the plus direction and back,
+//! and the operator reports in which direction the gauge moved. Limit, step and rate of the axis also apply to this
+//! movement.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -16,8 +17,8 @@ use isotherm_core::explained::Explained;
 use isotherm_core::quantity::{Micron, Moment};
 use isotherm_profile::{AxisId, Profile};
 
-/// Begins the sign check of an axis. If the axis is not ready yet, the check waits for it. An axis without a model is
-/// armed for the check, with zero as its Cz.
+/// Begins the sign check of an axis. If the axis is not ready yet, the check waits until it is ready. An axis without
+/// a model is armed for the check, with a Cz of zero.
 pub(in crate::gateway) fn begin(
     core: &mut GatewayState,
     axis: usize,
@@ -68,8 +69,8 @@ pub(in crate::gateway) fn begin(
     progress(core, axis, now)
 }
 
-/// Returns the progress of a sign check: [`Answer::Done`] when the register holds the offset, so that the operator may
-/// read the gauge.
+/// Returns the progress of a sign check. The answer is [`Answer::Done`] when the register holds the changed Cz, so
+/// that the operator may read the gauge.
 pub(in crate::gateway) fn progress(
     core: &GatewayState,
     axis: usize,
@@ -110,7 +111,7 @@ fn is_away(core: &GatewayState, axis: usize) -> bool {
         && outputs.any(|(_, state)| state.cz.is_some_and(|cz| !is_at(guard, cz, Micron::ZERO)))
 }
 
-/// Returns why the axis cannot be moved for a sign check yet; `None` if it is ready.
+/// Returns why the sign check cannot move the axis yet; `None` if the axis is ready.
 fn not_ready(core: &GatewayState, axis: usize, now: Moment) -> Option<Explained> {
     let (profile, _) = given(core);
     let settled = |decision: &Decision| {
@@ -134,8 +135,8 @@ fn not_ready(core: &GatewayState, axis: usize, now: Moment) -> Option<Explained>
     })
 }
 
-/// Records the answer of the operator, and ends the check. The offset returns to the value of the model. The answer says
-/// how the gauge must have moved.
+/// Records the answer of the operator, and ends the check. Cz returns to the value of the model. The returned answer
+/// contains the direction in which the gauge must move.
 pub(in crate::gateway) fn answer(
     core: &mut GatewayState,
     axis: usize,
@@ -176,8 +177,8 @@ pub(in crate::gateway) fn follow(core: &mut GatewayState, now: Moment) {
     }
 }
 
-/// Updates the sign check of an axis: begins the movement when the axis is ready, and notes when the register holds the
-/// offset. Ends the check if the axis stops compensating, its client has disconnected, or its time is over.
+/// Updates the sign check of an axis. Begins the movement when the axis is ready, and records when the register holds
+/// the changed Cz. Ends the check if the axis stops compensating, the client has disconnected, or the time is over.
 fn follow_one(core: &mut GatewayState, axis: usize, now: Moment) {
     let Some(check) = core.arming[axis].sign.clone() else { return };
     let (profile, _) = given(core);
@@ -210,8 +211,7 @@ fn follow_one(core: &mut GatewayState, axis: usize, now: Moment) {
     }
 }
 
-/// Begins the movement of a sign check that waits, if its axis is ready. Ends the check if the axis can no longer
-/// become ready.
+/// Begins the movement of a sign check if its axis is ready. Ends the check if the axis can no longer become ready.
 fn begin_movement(
     core: &mut GatewayState,
     axis: usize,
@@ -252,8 +252,8 @@ fn begin_movement(
     }
 }
 
-/// Disarms an axis without a model when its Cz has returned to zero after a sign check. Nobody has switched the axis off:
-/// with a model, it is armed as the profile says.
+/// Disarms an axis without a model when its Cz has returned to zero after a sign check. The axis does not count as
+/// switched off by an operator. If it later has a model, it is armed as the profile sets.
 fn disarm_unmodelled(core: &mut GatewayState, axis: usize) {
     let (profile, _) = given(core);
     let arming = &core.arming[axis];

@@ -1,4 +1,5 @@
-//! State of the gateway, which a lock protects, and the step of the axes: from arming to the row in the log.
+//! State of the gateway that a lock protects, and the step of the axes (calculation of their Cz): arming, decisions,
+//! reports, and the row in the log.
 
 use std::time::Duration;
 
@@ -38,7 +39,7 @@ use isotherm_profile::{Arm, AxisId, OnStop, Output, OutputId, Profile, Writes};
 
 mod reports;
 
-/// Minimum time between two reports of the condition for which a request to arm waits.
+/// Minimum time between two reports of the condition for which an axis waits before it is armed.
 const WAITING_REPORTED_EVERY: Duration = Duration::from_secs(10);
 
 pub(in crate::gateway) struct GatewayState {
@@ -47,10 +48,10 @@ pub(in crate::gateway) struct GatewayState {
     pub(in crate::gateway) compensation: Compensation,
     pub(in crate::gateway) arming: DirtyVec<Arming>,
     pub(in crate::gateway) probing: DirtyVec<Probing>,
-    /// For each axis: its candidate (proposed learned model), and what was reported about the candidate.
+    /// Candidate (proposed learned model) of each axis, and what was reported about the candidate.
     pub(in crate::gateway) learning: Vec<AxisLearning>,
     pub(in crate::gateway) outputs: Outputs,
-    /// For each output: controller of its register, as its line task saved it. `None` for an output that writes a
+    /// Controller of the register of each output, as the line task has stored it. `None` for an output that writes a
     /// position plus Cz.
     pub(in crate::gateway) registers: Vec<Option<isotherm_core::output::Controller>>,
     pub(in crate::gateway) device_health: DeviceHealth,
@@ -59,25 +60,25 @@ pub(in crate::gateway) struct GatewayState {
     pub(in crate::gateway) releases: Releases,
     pub(in crate::gateway) storage: Storage,
     pub(in crate::gateway) restarts: Restarts,
-    /// For each axis: time until which a change of its last decision may be sent. Later, the readings of the decision
-    /// are too old.
+    /// Latest time at which a change of the last decision of each axis may be sent. After this time, the readings of
+    /// the decision are too old.
     pub(in crate::gateway) not_after: Vec<Moment>,
     pub(in crate::gateway) pauses: Pauses,
     pub(in crate::gateway) phase: RunPhase,
     /// Whether an axis has been armed since the start.
     pub(in crate::gateway) was_armed: bool,
-    /// For each axis: whether an earlier run left a verified offset in one of its outputs, and the axis has not been
-    /// armed since the start.
+    /// Whether each axis has an output in which an earlier run left a verified offset. `false` after the first arming
+    /// of the axis in this run.
     pub(in crate::gateway) was_driven: Vec<bool>,
-    /// Whether an axis has had a model with usable readings since the start.
+    /// Whether an axis has had a model with usable readings at any time since the start.
     pub(super) has_read: bool,
     pub(super) stepped_at: Moment,
     /// Time of the next check whether the computer's clock was set.
     pub(super) day_due: Moment,
-    /// Time at which the next axis is due, or the next report of signals if there is no axis. `None` before the first
-    /// such report, and after a request to stop that moves no axis.
+    /// Time at which the next axis is due. Without an axis: time of the next report of signals. `None` before the
+    /// first such report, and during a stop that moves no axis.
     pub(in crate::gateway) next_due: Option<Moment>,
-    /// Requester of the replacement by another program, as a phrase for a sentence. Empty if no replacement was
+    /// Requester of the replacement by another program, as a phrase in a sentence. Empty if no replacement was
     /// requested.
     pub(in crate::gateway) replaced_by: String,
     /// Whether an internal fault has occurred. The process then ends with an error after the fault actions.
@@ -135,8 +136,8 @@ impl GatewayState {
         }
     }
 
-    /// Steps each axis that is due or has a new input. Returns whether an axis was stepped. Without an axis, reports the
-    /// changes of the signals when they are due.
+    /// Steps (calculates) each axis that is due or has a new input. Returns whether an axis was stepped. If the
+    /// profile has no axis, reports the changes of the signals when such a report is due.
     pub(in crate::gateway) fn advance(&mut self, now: Moment) -> bool {
         let given = &self.given.clone();
         let RunConfig { profile, dependents, .. } = given;
@@ -235,7 +236,8 @@ impl GatewayState {
         true
     }
 
-    /// Records the outputs that the gateway may write to from now on. Returns whether one of them was only read before.
+    /// Records the outputs that the gateway may write to from now on. Returns whether the gateway has only read one
+    /// of them before.
     fn notes_driven(&mut self) -> bool {
         let GatewayState { places, arming, outputs, given, .. } = self;
         let is_driven = |id: OutputId| {
@@ -245,8 +247,8 @@ impl GatewayState {
         !given.dry_run && places.drive(&given.profile, is_driven)
     }
 
-    /// Returns whether the Cz of an output that writes a position plus Cz will differ from its saved value by more than
-    /// one step.
+    /// Returns whether a new decision changes a corrected position (position plus Cz) by more than one step. The Cz
+    /// of the decision is compared with the saved Cz of the output.
     fn moves_a_position(&self) -> bool {
         let profile = &self.given.profile;
         let is_about_to = |axis: usize| {
@@ -266,8 +268,8 @@ impl GatewayState {
         self.phase.stop() == Some(OnStop::FaultAction)
     }
 
-    /// Updates the control inputs of each axis whose output, arming or probing has changed. Returns whether such an
-    /// axis must be stepped at once.
+    /// Updates the control inputs of each axis after a change of its output, arming or probing. Returns whether such
+    /// an axis must be stepped at once.
     fn refresh_controls(&mut self, given: &RunConfig, now: Moment) -> bool {
         let RunConfig { profile, dry_run, .. } = given;
         let mut is_urgent = false;
@@ -286,8 +288,8 @@ impl GatewayState {
         }
     }
 
-    /// Returns whether an event of the whole machine needs a step: the machine has started to run, or a zero command
-    /// was given.
+    /// Returns whether an event of the whole machine makes a step of the axes necessary: the machine has started to
+    /// run, or an operator has captured zero.
     fn would_notice(&self, now: Moment) -> bool {
         let value = |id| self.board.value(id, now);
         self.compensation.would_notice(value, || self.board.has_usable(now))
@@ -373,7 +375,7 @@ impl GatewayState {
         }
     }
 
-    /// Ends the requests to arm whose requester has disconnected, and those that have expired.
+    /// Cancels each request to arm that has expired, or whose requester has disconnected.
     pub(in crate::gateway) fn end_requests(&mut self, now: Moment) {
         for axis in 0..self.arming.len() {
             let Some(asked) = &self.arming[axis].asked else { continue };
@@ -391,22 +393,22 @@ impl GatewayState {
         }
     }
 
-    /// Ends a request to arm, and reports it.
+    /// Cancels a request to arm, and reports this.
     pub(in crate::gateway) fn cancel(&mut self, axis: usize, why: Explained) {
         let name = self.given.profile.axes[axis].settings.name.clone();
         self.events.push(Event::ArmEnded { axis: name, why: why.clone() });
         self.end_request(axis, why);
     }
 
-    /// Removes a request to arm, for the reason `why`. Without a new request, the axis is then armed only if the
-    /// profile says `arm = "auto"`.
+    /// Removes a request to arm, for the reason `why`. Until a new request, the axis is armed only if the profile
+    /// sets `arm = "auto"`.
     fn end_request(&mut self, axis: usize, why: Explained) {
         let arms_itself = self.given.profile.arm == Arm::Auto && !self.arming[axis].is_latched();
         self.arming[axis].end_request(arms_itself, why);
     }
 
-    /// Reports the condition for which a request to arm waits, if the condition has changed and the last report is long
-    /// enough ago.
+    /// Reports the condition for which an axis waits before it is armed. Reports only a changed condition, and only
+    /// if the last report is long enough ago.
     fn report_what_it_waits_for(&mut self, axis: usize, now: Moment) {
         let Some(asked) = &self.arming[axis].asked else { return };
         if now.since(asked.reported.1) < WAITING_REPORTED_EVERY {
@@ -423,12 +425,12 @@ impl GatewayState {
         }
     }
 
-    /// Returns cause and hint for the present state of an axis.
+    /// Returns cause and hint for the present state of an axis; empty if there is nothing to explain.
     pub(in crate::gateway) fn why(&self, axis: usize, now: Moment) -> Explained {
         self.reasons(axis, now).map_or_else(Explained::default, |reasons| reasons.explained())
     }
 
-    /// Returns whether the registers of an axis hold its last decision, or will never hold it.
+    /// Returns whether the registers of an axis hold its last decision. Also `true` if waiting for this is useless.
     pub(in crate::gateway) fn has_arrived(&self, axis: usize) -> bool {
         let RunConfig { profile, dry_run, .. } = &self.given;
         let Some(decision) = self.compensation.decision(axis) else { return true };
@@ -453,8 +455,8 @@ impl GatewayState {
     }
 
     /// Returns the verified Cz of the register that differs most from the last decision of the axis. `None` if all
-    /// registers hold the decision. Registers whose device does not answer are ignored, and so are corrected positions,
-    /// which are written again within milliseconds.
+    /// registers hold the decision. Two kinds of registers are ignored: those of a device that does not answer, and
+    /// corrected positions, which are written again within milliseconds.
     fn behind(&self, axis: usize) -> Option<Micron> {
         let RunConfig { profile, dry_run, .. } = &self.given;
         let decision = self.compensation.decision(axis).filter(|_| !dry_run)?;
@@ -468,8 +470,8 @@ impl GatewayState {
         farthest_behind(decision.cz, self.outputs.ids(axis).iter().filter_map(waits))
     }
 
-    /// Returns whether the verified Cz equals the decided one, to half a count of the register. Always `true` if the
-    /// output writes the reference position P0, a constant.
+    /// Returns whether the verified Cz equals the decided Cz, to half a count of the register. Always `true` for an
+    /// output that writes the reference position P0, because P0 is a constant.
     fn is_there(&self, decision: &Decision, output: &Output, state: &OutputState, cz: Micron) -> bool {
         output.writes == Writes::Reference
             || state.is_near(&self.given.profile, output, cz, part(decision, output.writes))
@@ -485,8 +487,8 @@ impl GatewayState {
         }
     }
 
-    /// Handles the first read of a register whose value was unknown, and which contains the offset `cz`. Returns
-    /// whether its axis resumes from this offset.
+    /// Handles the first read of a register with an unknown value. The register contains the offset `cz`. Returns
+    /// whether the axis continues from this offset.
     pub(in crate::gateway) fn found(&mut self, id: OutputId, cz: Micron) -> bool {
         let profile = &self.given.profile;
         let Output { axis: AxisId(axis), writes, .. } = *profile.output(id);
@@ -506,7 +508,7 @@ impl GatewayState {
         writes.is_cz()
     }
 
-    /// Checks for a new result of the probing cycle of an axis. Returns whether there was a result, even if it was
+    /// Checks whether the probing cycle of an axis has a new result. Returns whether it has, even if the result is
     /// refused.
     pub(super) fn take_probing(&mut self, axis: AxisId, now: Moment) -> bool {
         let (profile, place) = (&*self.given.profile, axis.0);
@@ -527,7 +529,8 @@ impl GatewayState {
         true
     }
 
-    /// Disarms each axis above its error level whose fault action has ended. Only an operator may arm it again.
+    /// Disarms each axis whose model requested more than the error level, when its fault action has ended. Only an
+    /// operator may arm the axis again.
     fn disarm_tripped(&mut self, profile: &Profile) {
         for (place, axis) in profile.axes.iter().enumerate() {
             let Some(decision) = self.compensation.decision(place) else { continue };

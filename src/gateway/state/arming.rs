@@ -1,4 +1,5 @@
-//! Arming of an axis: its conditions, the Cz from which it starts, and the permit that its outputs give.
+//! Arming of an axis: the conditions for arming, the Cz (compensation value) from which the axis starts, and the
+//! permit that depends on its outputs.
 
 use std::sync::Arc;
 
@@ -32,11 +33,11 @@ pub(in crate::gateway) struct ArmRequest {
 /// Arming state of an axis.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(in crate::gateway) enum ArmingState {
-    /// The axis is off, and is armed as the profile says.
+    /// The axis is off. With `arm = "auto"`, the gateway arms it as soon as possible.
     #[default]
     Off,
-    /// The axis was switched off, for example by an operator or after an external write. It stays off until an operator
-    /// arms it.
+    /// The axis was switched off, for example by an operator or after an external write. The axis stays off until an
+    /// operator arms it.
     Latched,
     /// The axis is armed, by the request of an operator or by the profile.
     Armed(Who),
@@ -51,19 +52,19 @@ pub(in crate::gateway) struct Arming {
     pub(in crate::gateway) why: Explained,
     /// Request to arm that waits for a condition.
     pub(in crate::gateway) asked: Option<ArmRequest>,
-    /// Sign check with a dial gauge that is under way.
+    /// Sign check with a dial gauge that is running.
     pub(in crate::gateway) sign: Option<SignCheck>,
-    /// Reason why the last sign check ended without an answer.
+    /// Reason why the last sign check ended before the operator answered.
     pub(in crate::gateway) sign_ended: Option<Explained>,
     /// Reason for the last refused attempt to arm. The same reason is not reported a second time.
     pub(in crate::gateway) refusal: Option<Explained>,
-    /// Cz from which the next step of the axis resumes, for example the value of its register. `None` if the step
+    /// Cz from which the next step of the axis continues, for example the value of its register. `None` if the step
     /// continues from the last decision.
     pub(in crate::gateway) take_over: Option<Micron>,
-    /// Effect of the slope in the control, at the axis's largest distance from the reference position. The next step of
-    /// the axis resumes from this value.
+    /// Effect of the slope that the control applies, at the axis's largest distance from the reference position. The
+    /// next step of the axis continues from this value.
     pub(in crate::gateway) take_over_slope: Option<Micron>,
-    /// Cz before the settings of a sensor of the axis were changed. The axis returns to this Cz.
+    /// Cz before the settings of one of the axis's sensors were changed. The axis returns to this Cz.
     pub(in crate::gateway) return_to: Option<ReturnTo>,
     /// Whether an operator has switched the axis off and checked its sensors. The next step then accepts the sensors
     /// again.
@@ -72,16 +73,16 @@ pub(in crate::gateway) struct Arming {
 
 #[derive(Clone, Debug, PartialEq)]
 pub(in crate::gateway) enum Attempt {
-    /// The axis is not armed in this step: it is armed already, nothing requests arming, or a register value or reading
-    /// is missing.
+    /// The axis is not armed in this step. It is already armed, or arming is not requested, or a register value or
+    /// reading is missing.
     NotYet,
-    /// The axis may start from this Cz, and from this effect of its slope.
+    /// The axis may be armed, and starts from this Cz and this effect of its slope.
     From(Micron, Option<Micron>),
     Refused(Explained),
 }
 
 impl Arming {
-    /// Returns who armed the axis. `None` if it is off.
+    /// Returns the requester that armed the axis. `None` if the axis is off.
     pub(in crate::gateway) fn armed_by(&self) -> Option<Who> {
         match self.state {
             ArmingState::Armed(by) | ArmingState::Tripped(by) => Some(by),
@@ -99,19 +100,19 @@ impl Arming {
         self.state == ArmingState::Latched
     }
 
-    /// Returns whether the axis is armed and its model requested more than the error level.
+    /// Returns whether the axis is armed, but its model requested more than the error level.
     pub(in crate::gateway) fn is_tripped(&self) -> bool {
         matches!(self.state, ArmingState::Tripped(_))
     }
 
-    /// Records whether the model of an armed axis requested more than the error level.
+    /// Records whether the model of an armed axis requests more than the error level.
     pub(in crate::gateway) fn set_tripped(&mut self, is_tripped: bool) {
         if let Some(by) = self.armed_by() {
             self.state = if is_tripped { ArmingState::Tripped(by) } else { ArmingState::Armed(by) };
         }
     }
 
-    /// Ends the request to arm. If `arms_itself` is false, an axis that is off waits for another request.
+    /// Ends the request to arm. If `arms_itself` is false, an axis that is off stays off until another request.
     pub(in crate::gateway) fn end_request(&mut self, arms_itself: bool, why: Explained) {
         self.asked = None;
         if !self.is_armed() {
@@ -120,13 +121,13 @@ impl Arming {
         self.why = why;
     }
 
-    /// Returns whether a sign check moves the axis now, so that it does not follow its model.
+    /// Returns whether a sign check moves the axis now. The axis then does not follow its model.
     pub(in crate::gateway) fn is_moved_by_sign_check(&self) -> bool {
         self.sign.as_ref().is_some_and(|check| check.target().is_some())
     }
 
-    /// Returns whether the axis must be armed as soon as possible. An axis without a model is armed only for a check of
-    /// its sign.
+    /// Returns whether the gateway must arm the axis as soon as possible. An axis without a model is armed only for a
+    /// sign check.
     pub(in crate::gateway) fn is_wanted(&self, profile: &Profile, axis: usize) -> bool {
         match profile.arm {
             _ if !profile.axes[axis].has_model() => self.asked.is_some() && self.sign.is_some(),
@@ -148,8 +149,8 @@ impl Arming {
         !self.is_armed() && self.is_wanted(profile, axis)
     }
 
-    /// Returns the requested mode of the axis, for its display: arm, follow the model, check the sign, or none without
-    /// a model.
+    /// Returns what the axis is requested to do, for the display: be armed, follow the model, check the sign, or
+    /// nothing because it has no model.
     pub(in crate::gateway) fn intent(&self, profile: &Profile, axis: usize) -> Intent {
         match self.sign {
             None if !profile.axes[axis].has_model() => Intent::Unmodelled,
@@ -237,7 +238,7 @@ impl Arming {
     }
 
     /// Returns the permit of the axis for its next step: off, armed, unverified, held or stopping. In a dry run, the
-    /// reference position P0 is not written, and the axis does not wait for that write.
+    /// reference position P0 is not written, so the axis does not wait until P0 is written.
     pub(in crate::gateway) fn permit(
         &self,
         profile: &Profile,
@@ -267,9 +268,8 @@ impl Arming {
     }
 }
 
-/// Returns whether the Cz in a register is beyond the limit of its axis. Rounding between counts and µm must not decide
-/// this: the limit plus half a count still counts as the limit. The reference position P0 is no correction and has no
-/// limit.
+/// Returns whether the Cz in a register is beyond the limit of its axis. To allow for rounding, the limit plus half a
+/// count still counts as the limit. The reference position P0 is not a correction, and has no limit.
 fn is_beyond_limit(profile: &Profile, output: &Output, cz: Micron) -> bool {
     let limit = profile.axis(output.axis).settings.guard.limit.get();
     let slack = match output.encoding.data_type.integer_range() {
@@ -280,8 +280,8 @@ fn is_beyond_limit(profile: &Profile, output: &Output, cz: Micron) -> bool {
     output.writes != Writes::Reference && cz.abs().get() > limit + slack
 }
 
-/// Returns whether the register of an output that writes the reference position P0 contains that position, to half a
-/// count. Returns `true` for any other output.
+/// Returns whether the register for the reference position P0 contains P0, to half a count. Returns `true` for an
+/// output that does not write P0.
 pub(super) fn has_its_reference(profile: &Profile, output: &Output, state: &OutputState) -> bool {
     let apart = profile.axis(output.axis).settings.intercept_slope;
     let (Writes::Reference, Some(apart)) = (output.writes, apart) else { return true };

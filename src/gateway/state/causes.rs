@@ -13,14 +13,14 @@ use super::device_health::DeviceHealth;
 use super::output::{Outputs, RegisterHealth};
 use super::{comparison, extrapolation, stand_in};
 
-/// Cause, as text, for an axis whose model requested more than the error level.
+/// Text of the cause for an axis whose model requested more than the error level.
 pub(in crate::gateway) const BEYOND_ERROR: &str = "the model requested more than the error level";
 /// Hint for a cause that only an operator can find.
 pub(in crate::gateway) const WHEN_FOUND: &str = "arm the axis again when the cause is found";
-/// Hint for a sensor that is lost or frozen.
+/// Hint for a sensor that is lost, or frozen (its reading does not change).
 pub(super) const SEE_TO_THE_SENSOR: &str = "look at the sensor, its cable and its channel";
 
-/// Parts of the gateway's state from which the cause of an axis's state is derived.
+/// Parts of the gateway's state from which the cause of an axis state is determined.
 #[derive(Clone, Copy)]
 pub(in crate::gateway) struct CauseInputs<'a> {
     pub(in crate::gateway) profile: &'a Profile,
@@ -32,7 +32,7 @@ pub(in crate::gateway) struct CauseInputs<'a> {
     pub(in crate::gateway) devices: &'a Devices,
     /// Readings of the last step.
     pub(in crate::gateway) seen: &'a [Reading],
-    /// Whether the machine has been seen running.
+    /// Whether the gateway has detected that the machine is running.
     pub(in crate::gateway) has_run: bool,
     pub(in crate::gateway) stopping: bool,
     pub(in crate::gateway) dry_run: bool,
@@ -53,8 +53,8 @@ pub fn how_to_find_a_model(profile: &Profile, axis: usize) -> String {
 }
 
 impl CauseInputs<'_> {
-    /// Returns why an axis does not follow its preferred model; empty if it does. The cause contains no figure that
-    /// changes by itself, because a changed text would be reported as a new cause.
+    /// Returns why an axis does not follow its preferred model; empty if the axis follows the model. The cause
+    /// contains no figure that changes all the time, because a changed text would be reported as a new cause.
     pub(in crate::gateway) fn explained(&self) -> Explained {
         let CauseInputs { profile, axis, arming, decision, .. } = *self;
         let has_model = profile.axes[axis].has_model();
@@ -148,7 +148,7 @@ impl CauseInputs<'_> {
         lacking(self.profile, lacks, self.has_run, |id| self.bad(id))
     }
 
-    /// Returns the fault of a signal that a model requires.
+    /// Returns the fault of a signal that the model of an axis needs.
     fn bad(&self, id: SignalId) -> Explained {
         let name = &self.profile.signal(id).name;
         let Some(Quality::Bad(reason)) = self.seen.get(id.0).map(|reading| reading.quality) else {
@@ -164,9 +164,8 @@ impl CauseInputs<'_> {
     }
 }
 
-/// Returns why an axis does not follow its model, as far as its decision contains the reason. Empty if the decision
-/// does not contain the reason. `has_run`: the machine has been seen running. `bad`: returns the fault of a signal that
-/// the model requires.
+/// Returns the reason in a decision why the axis does not follow its model. Empty if the decision contains no reason.
+/// `has_run`: whether the machine was running. `bad`: returns the fault of a signal that the model needs.
 pub(crate) fn why_by_decision(
     profile: &Profile,
     axis: usize,
@@ -187,7 +186,7 @@ pub(crate) fn why_by_decision(
     }
 }
 
-/// Returns why a model cannot be used. `has_run`: the machine has been seen running. `bad`: returns the fault of a
+/// Returns why a model cannot be used. `has_run`: whether the machine was running. `bad`: returns the fault of a
 /// signal.
 fn lacking(
     profile: &Profile,
@@ -224,7 +223,8 @@ fn lacking(
     }
 }
 
-/// Returns a hint for an output that is not verified, if no request of it has failed; `None` if there is no hint.
+/// Returns a hint for an output that is not verified although none of its requests failed; `None` if there is no
+/// hint.
 fn hint_at(output: &Output, standing: RegisterHealth) -> Option<Cow<'static, str>> {
     Some(match standing {
         RegisterHealth::Interlocked => {

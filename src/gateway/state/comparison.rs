@@ -1,4 +1,4 @@
-//! Reports of a model that is worse than no compensation.
+//! Reports about a model that makes the error larger than no compensation would ("worse than no compensation").
 
 use crate::observe::events::{Comparison, Event};
 use crate::observe::status::WorseStatus;
@@ -9,8 +9,8 @@ use isotherm_core::explained::Explained;
 /// Hint for a model that is worse than no compensation.
 const IDENTIFY: &str = "identify the model again";
 
-/// Returns why the Cz of an axis goes to zero, or stays at zero, because its model is worse than no compensation.
-/// `None` if the Cz does not go to zero for this reason.
+/// Returns why the Cz of an axis is zero, or moves to zero: the model is worse than no compensation. `None` if Cz has
+/// another reason.
 pub(super) fn cause(axis: &AxisSettings, decision: &Decision) -> Option<Explained> {
     let is_left = decision.worse.is_some()
         && axis.leaves_what_is_worse()
@@ -18,8 +18,8 @@ pub(super) fn cause(axis: &AxisSettings, decision: &Decision) -> Option<Explaine
     is_left.then(|| Explained::new("the model is worse than no compensation", IDENTIFY))
 }
 
-/// Returns the event when a model is found worse than no compensation, and when it is no longer worse. `reported` is
-/// the state after the last call.
+/// Returns an event when a model becomes worse than no compensation, and when this ends. `reported` is the state that
+/// was reported last; the function updates it.
 pub(super) fn event(axis: &AxisSettings, decision: &Decision, reported: &mut bool) -> Option<Event> {
     let was_worse = std::mem::replace(reported, decision.worse.is_some());
     let name = axis.name.clone();
@@ -33,7 +33,7 @@ pub(super) fn event(axis: &AxisSettings, decision: &Decision, reported: &mut boo
     }
 }
 
-/// Returns the comparison of a model with no compensation, for the status.
+/// Returns the result of the comparison between a model and no compensation, for the status.
 pub(in crate::gateway) fn status(axis: &AxisSettings, worse: &Worse) -> WorseStatus {
     WorseStatus {
         touches: worse.touches,

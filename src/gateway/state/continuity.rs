@@ -1,6 +1,6 @@
-//! Continuity of the devices of the profile (whether each is still the verified device), and the devices that an axis
-//! needs. The decisions are in [`isotherm_core::continuity`]; the checks are read by the
-//! [`Inspector`](crate::gateway::line::inspector::Inspector).
+//! Continuity of the devices: whether each device is still the device that has passed its checks. The code also
+//! contains which devices an axis needs. [`isotherm_core::continuity`] decides, and the
+//! [`Inspector`](crate::gateway::line::inspector::Inspector) reads the checks.
 
 use std::sync::Arc;
 
@@ -14,23 +14,23 @@ use isotherm_core::continuity::{Break, Continuity, DeviceContinuity, Difference,
 use isotherm_core::quantity::Moment;
 use isotherm_profile::{AxisId, BusId, Device, DeviceId, Members, Profile};
 
-/// Continuity of all devices: for each device, whether it can still be the device that passed the checks.
+/// Continuity of all devices: whether each device is certain to be the device that has passed the checks.
 #[derive(Clone, Debug)]
 pub(in crate::gateway) struct Devices {
     devices: Vec<DeviceContinuity>,
-    /// For each axis: the devices that its models read or its outputs write to.
+    /// Devices of each axis: its models read the device, or its outputs write to it.
     of_axis: Members,
-    /// For each device: the axes that read it or write to it.
+    /// Axes of each device: they read the device, or write to it.
     axes_of: Members,
-    /// For each device: the axes whose models read the device, each with the values that it held before the last round
-    /// of passed checks.
+    /// Axes whose models read the device, for each device. The second value is the state of the axis before the last
+    /// round of checks that passed.
     held: Vec<Vec<(usize, ReturnTo)>>,
-    /// For each device: the axes whose models read the device, each with its values at the beginning of the present
-    /// round of checks.
+    /// Axes whose models read the device, for each device. The second value is the state of the axis at the beginning
+    /// of the present round of checks.
     held_in_round: Vec<Vec<(usize, ReturnTo)>>,
-    /// For each device: the axes whose models read it.
+    /// Axes whose models read the device, for each device.
     read_by: Members,
-    /// For each bus that is an OPC UA server: table of the namespaces that the profile names by index.
+    /// Namespaces that the profile refers to by index, for each bus that is an OPC UA server.
     namespaces: Vec<Option<NamespaceTable>>,
 }
 
@@ -55,7 +55,7 @@ impl Devices {
         }
     }
 
-    /// Stores the table of namespaces, which the line of an OPC UA server fills.
+    /// Stores the table of namespaces of an OPC UA server. The task of the bus line fills the table.
     pub(in crate::gateway) fn set_namespaces(&mut self, bus: BusId, table: NamespaceTable) {
         self.namespaces[bus.0] = Some(table);
     }
@@ -68,7 +68,7 @@ impl Devices {
         &self.devices[device.0]
     }
 
-    /// Returns whether readings of the device are used and writes to it are sent.
+    /// Returns whether the device is confirmed: its readings are used, and writes to it are sent.
     pub(in crate::gateway) fn is_confirmed(&self, device: DeviceId) -> bool {
         self.of(device).is_confirmed()
     }
@@ -78,7 +78,7 @@ impl Devices {
         matches!(self.of(device).state(), Continuity::Unconfirmed { .. })
     }
 
-    /// Returns what the checks of the device found, in one sentence, if they did not pass.
+    /// Returns the result of the device's checks as one sentence, if the checks did not pass.
     pub(in crate::gateway) fn changed(&self, device: DeviceId) -> Option<String> {
         match self.of(device).state() {
             Continuity::Changed(differences) => Some(sentence(differences)),
@@ -86,8 +86,8 @@ impl Devices {
         }
     }
 
-    /// Returns the state of the first changed device of an axis, otherwise of the first unconfirmed device. If there is
-    /// neither, returns [`Continuity::Confirmed`].
+    /// Returns the state of the first changed device of an axis. Without a changed device, returns the state of the
+    /// first unconfirmed device. Without such a device, returns [`Continuity::Confirmed`].
     pub(in crate::gateway) fn of_axis(&self, axis: usize) -> &Continuity {
         let states = || self.of_axis.of(axis).map(|device| self.devices[device].state());
         let changed = states().find(|state| matches!(state, Continuity::Changed(_)));
@@ -95,8 +95,8 @@ impl Devices {
         changed.or_else(unconfirmed).unwrap_or(&Continuity::Confirmed)
     }
 
-    /// Returns the first device of the axis whose checks have not been read since the last break of its continuity. Also
-    /// returns the cause of that break.
+    /// Returns the first device of the axis whose checks have not been read since the last break of its continuity,
+    /// and the cause of this break. `None` if there is no such device.
     pub(super) fn unconfirmed(&self, axis: usize) -> Option<(DeviceId, Break)> {
         self.of_axis.of(axis).find_map(|device| match self.devices[device].state() {
             Continuity::Unconfirmed { cause, .. } => Some((DeviceId(device), *cause)),
@@ -104,7 +104,7 @@ impl Devices {
         })
     }
 
-    /// Begins a round of checks of a device. Records the values of the axes that read the device.
+    /// Begins a round of checks of a device. Records the present state of the axes that read the device.
     pub(in crate::gateway) fn round_begins(
         &mut self,
         device: DeviceId,
@@ -122,8 +122,8 @@ impl Devices {
         self.held_in_round[device.0] = self.read_by.of(device.0).filter_map(holds).collect();
     }
 
-    /// Ends a round in which all checks of a device have passed. If the settings of the device are changed later, the
-    /// axes that read it return to the values that they held when the round began.
+    /// Ends a round in which all checks of a device have passed. If the settings of the device change later, the axes
+    /// that read the device return to their Cz at the beginning of this round.
     pub(in crate::gateway) fn round_passed(&mut self, device: DeviceId, arming: &mut DirtyVec<Arming>) {
         for axis in self.axes_of.of(device.0) {
             if arming[axis].return_to.is_some() && *self.of_axis(axis) == Continuity::Confirmed {
@@ -136,7 +136,7 @@ impl Devices {
         of_device.append(in_round);
     }
 
-    /// Discards the recorded values of the axes that use this reference, because the reference is captured again.
+    /// Discards the recorded states of the axes that use this reference, because the reference is captured again.
     pub(in crate::gateway) fn forget_held(&mut self, profile: &Profile, reference: Reference) {
         let is_kept = |axis: usize| !profile.axis(AxisId(axis)).counts_from(reference);
         self.held
@@ -145,7 +145,7 @@ impl Devices {
             .for_each(|held| held.retain(|(axis, _)| is_kept(*axis)));
     }
 
-    /// Records the value that an axis held when it was armed, for each device that its models read.
+    /// Records the state of an axis at its arming, for each device that its models read.
     pub(in crate::gateway) fn armed(&mut self, axis: usize, held: ReturnTo) {
         for device in self.of_axis.of(axis) {
             self.held_in_round[device].retain(|(known, _)| *known != axis);
@@ -155,8 +155,8 @@ impl Devices {
         }
     }
 
-    /// Handles changed settings of a device. The axes that read the device return to the values that they held before
-    /// the last round of checks that passed.
+    /// Handles changed settings of a device. The axes that read the device return to their Cz before the last round
+    /// of checks that passed.
     pub(in crate::gateway) fn settings_changed(&self, device: DeviceId, arming: &mut DirtyVec<Arming>) {
         for (axis, held) in &self.held[device.0] {
             // If another device was changed before, the value held since then is wrong as well.
@@ -176,12 +176,12 @@ impl Devices {
         self.devices.iter_mut().for_each(|device| device.breaks(cause, now));
     }
 
-    /// Records an answer of a device, also an answer that refuses the request.
+    /// Records an answer of a device, even if the answer refuses the request.
     pub(in crate::gateway) fn answers(&mut self, device: DeviceId, now: Moment) {
         self.devices[device.0].answers(now);
     }
 
-    /// Records an answer of a device that contains the requested values.
+    /// Records that a device has answered with the requested values.
     pub(in crate::gateway) fn delivers(&mut self, device: DeviceId, now: Moment) {
         self.devices[device.0].delivers(now);
     }
@@ -196,7 +196,7 @@ impl Devices {
         self.devices[device.0].misses(now);
     }
 
-    /// Takes the result of a device's checks. See [`DeviceContinuity::verified`].
+    /// Processes the result of a device's checks. See [`DeviceContinuity::verified`].
     pub(in crate::gateway) fn verified(
         &mut self,
         device: DeviceId,
@@ -211,7 +211,7 @@ fn identity(device: &Device) -> Identity {
     if device.is_checked() { Identity::Checks } else { Identity::None }
 }
 
-/// Returns each axis with each device that its models read.
+/// Returns pairs of indices: an axis, and a device that its models read.
 fn read_devices(profile: &Profile) -> impl Iterator<Item = (usize, usize)> {
     profile.axes.iter().enumerate().flat_map(move |(place, axis)| {
         let signals = axis.settings.models.iter().flat_map(Model::signals);

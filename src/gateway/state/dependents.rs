@@ -1,5 +1,5 @@
-//! Dependencies of axes and lines, resolved once from the profile. The cost of a read then depends only on the axes
-//! that use it.
+//! Dependencies of axes and bus lines, determined once from the profile. The time for a read then depends only on the
+//! axes that use the values.
 
 use std::collections::HashSet;
 use std::sync::Arc;
@@ -10,7 +10,7 @@ use isotherm_core::compensation::model::Model;
 use isotherm_core::reading::SignalId;
 use isotherm_profile::{Axis, AxisId, BusId, DeviceId, Members, Output, Profile};
 
-/// Shortest period in which the changes of the signals are reported without an axis.
+/// Minimum period of the reports about changed signals, if the profile has no axis.
 const SHORTEST_REPORT_PERIOD: Duration = Duration::from_secs(1);
 
 /// Settings that never change while the gateway runs.
@@ -21,35 +21,38 @@ pub(in crate::gateway) struct RunConfig {
     pub(in crate::gateway) dry_run: bool,
 }
 
-/// Dependencies of axes and lines. Each list is in ascending order and has no duplicates.
+/// Dependencies of axes and bus lines. Each list is in ascending order and has no duplicates.
 #[derive(Debug)]
 pub(in crate::gateway) struct Dependents {
-    /// For each axis and model: the signals that the model uses.
+    /// Signals of each model of each axis.
     pub(in crate::gateway) inputs: Vec<Vec<Vec<SignalId>>>,
     /// Axes whose error is measured by a probing cycle of the control.
     pub(in crate::gateway) probed: Vec<AxisId>,
-    /// For each line: the axes whose measured error, or the trigger of that error, is read on the line.
+    /// Axes with a probing cycle, for each bus line: the line reads the measured error, or the trigger that announces
+    /// the error.
     pub(in crate::gateway) probed_on: Vec<Vec<AxisId>>,
-    /// For each line: whether the line reads a signal that shows a restart of a control.
+    /// Whether each bus line reads a signal that shows a restart of a control.
     pub(in crate::gateway) shows_restarts: Vec<bool>,
-    /// For each line: whether a step of the axes may give it something to write. Also `true` if the line receives
-    /// `machine.on` in CAN frames, because no read then leads to its check for a restart.
+    /// Whether each bus line may have to write after a step of the axes. Also `true` for a line that receives
+    /// `machine.on` in CAN frames, because no read then triggers its check for a restart of the control.
     pub(in crate::gateway) follows_steps: Vec<bool>,
-    /// Lines on which axes are stepped: for each axis the line of its first input, else the line of its output. Without
-    /// an axis, this is the line of the first signal, which reports the changes of all signals.
+    /// Bus lines on which axes are stepped (calculated): the line of the axis's first input, or of its output if it
+    /// has no input. Without an axis, this is the line of the first signal, and its task reports the changes of all
+    /// signals.
     pub(in crate::gateway) stepping: HashSet<BusId>,
-    /// Outputs of each line.
+    /// Outputs on each bus line.
     pub(in crate::gateway) outputs_on: Members,
-    /// Devices from which a position is read that an output corrects.
+    /// Devices from which the gateway reads a position that an output corrects.
     pub(in crate::gateway) corrected: HashSet<DeviceId>,
-    /// Lines on which a position is read that is corrected on another line.
+    /// Bus lines on which the gateway reads a position that it corrects on another line.
     pub(in crate::gateway) corrected_elsewhere: HashSet<BusId>,
     /// Shortest `max_age` of all signals.
     pub(in crate::gateway) shortest_age: Duration,
-    /// Period of the axis that is stepped most often.
+    /// Shortest period of all axes. `None` if the profile has no axis.
     pub(in crate::gateway) shortest_period: Option<Duration>,
-    /// Period of the reports about changed signals, if the profile has no axis: the shortest period of the devices, but
-    /// at least one second. `None` if the profile has axes, because their steps report the changes.
+    /// Period of the reports about changed signals, if the profile has no axis: the shortest period of the devices,
+    /// but at least one second. `None` if the profile has an axis, because a step of the axes then reports the
+    /// changes.
     pub(in crate::gateway) reports_every: Option<Duration>,
 }
 
@@ -105,13 +108,14 @@ impl Dependents {
     }
 }
 
-/// Returns whether a step of the axes may change what an output writes. A corrected position is written when it was read,
-/// except for the dashes of a display.
+/// Returns whether a step of the axes may make a write of the output necessary. A corrected position is written after
+/// each read instead. Only the dashes of its display depend on a step.
 fn follows_steps_of_axes(output: &Output) -> bool {
     output.set.is_some() || output.writes.position().is_none() || output.display.stale.is_some()
 }
 
-/// Returns the line on which each axis is stepped. Without an axis, returns the line of the first signal.
+/// Returns the bus line on which each axis is stepped. If the profile has no axis, returns the line of the first
+/// signal.
 fn home_lines(profile: &Profile) -> impl Iterator<Item = BusId> {
     let mut outputs = vec![None; profile.axes.len()];
     for output in profile.outputs.iter().rev() {

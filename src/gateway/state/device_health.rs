@@ -1,4 +1,5 @@
-//! Health of devices and lines: counts of requests and failures, and reports of each loss and each return.
+//! Health of devices and bus lines: counts of requests and failures, and reports when a device or connection is lost
+//! and when it returns.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -18,28 +19,30 @@ use isotherm_profile::{BusId, Device, DeviceId, OutputId, Profile};
 use super::failed_reads::{FailedReads, PlannedReads};
 use super::output_faults;
 
-/// Consecutive failures after which a device is reported as lost. A single lost answer is only counted.
+/// Number of consecutive failures after which a device is reported as lost. A single lost answer is not reported.
 const REPORTED_AFTER: u64 = 2;
-/// Consecutive failures after which a device on a lossy line is reported as lost. An RTU line loses an answer now and
-/// then, and repeats the request at once. A TCP line replaces its connection after the second missing answer. A dead
-/// unit behind a Modbus gateway is asked too seldom for this number.
+/// Number of consecutive failures after which a device on a lossy bus (Modbus RTU) is reported as lost. Such a bus
+/// sometimes loses an answer, and the request is repeated at once. The number does not apply to TCP, which opens a
+/// new connection after the second missing answer. It also does not apply behind a Modbus gateway, where a device is
+/// asked too seldom.
 const REPORTED_AFTER_LOSSES: u64 = 3;
 
-/// A lost device has returned when it has answered for this time. A device with repeated short losses is therefore
-/// reported once.
+/// Time for which a lost device must answer before it is reported as returned. A device with repeated short losses is
+/// therefore reported once.
 const RETURNED_AFTER: Duration = Duration::from_secs(10);
 
-/// Late cycles of a line are reported again if no cycle was late for this long.
+/// Time without a late cycle of a bus line after which the next late cycle is reported again.
 const REPORTED_AGAIN: Duration = Duration::from_secs(600);
-/// Shortest delay of a cycle that is reported. An operator can do nothing about shorter ones, which are only counted.
+/// Minimum delay of a late cycle that is reported. A shorter delay is only counted, because an operator cannot do
+/// anything about it.
 const WORTH_A_WORD: Duration = Duration::from_millis(10);
 
-/// Hint for a reading that the default `range` of a temperature rejects. The profile states no `range` that could be
-/// wrong.
+/// Hint for a temperature reading that is outside the default `range`. The default applies because the profile sets
+/// no `range`.
 const BEYOND_DEFAULT_RANGE: &str = "is the sensor broken, or are `scale` or `word_order` wrong? If the value is \
                                     right, write `range`; for a difference of temperatures, write \
                                     `difference = true`";
-/// Hint for a reading that the default `max_rate` of a temperature rejects.
+/// Hint for a temperature reading that changes faster than the default `max_rate`.
 const BEYOND_DEFAULT_RATE: &str =
     "is a contact loose, does a drive disturb the signal? If not, write a larger `max_rate`, or \"none\"";
 
@@ -49,7 +52,7 @@ pub(in crate::gateway) struct DeviceHealth {
     reads: Arc<PlannedReads>,
     pub(in crate::gateway) devices: Vec<DeviceCount>,
     pub(in crate::gateway) buses: Vec<BusCount>,
-    /// For each signal: age by the timestamp of its server, at the last read. `None` without a timestamp.
+    /// Age of each signal's last value by the timestamp of its server. `None` without a timestamp.
     pub(in crate::gateway) stamped: Vec<Option<Duration>>,
 }
 
@@ -77,15 +80,15 @@ pub(in crate::gateway) struct LostDevice {
     pub(in crate::gateway) answers_since: Option<Moment>,
 }
 
-/// Line without a connection.
+/// Bus line without a connection.
 #[derive(Clone, Debug)]
 pub(in crate::gateway) struct DisconnectedLine {
-    /// Attempts to connect since the loss of the connection.
+    /// Number of attempts to connect since the connection was lost.
     pub(in crate::gateway) attempts: u64,
     cause: Cause<String>,
 }
 
-/// Connection state of one line, and the numbers of its cycles and late cycles.
+/// Connection state of one bus line, and the numbers of its cycles and late cycles.
 #[derive(Clone, Debug, Default)]
 pub(in crate::gateway) struct BusCount {
     pub(in crate::gateway) connected: bool,
@@ -96,12 +99,12 @@ pub(in crate::gateway) struct BusCount {
     pub(in crate::gateway) jitter: [u64; JITTER_MS.len() + 1],
 }
 
-/// Number of consecutive failed attempts to connect, or failed requests, with a new cause, after which that cause is
-/// reported.
+/// Number of consecutive failures with another cause than the reported one, after which the new cause is reported.
+/// The first number is for attempts to connect, the second number for requests.
 const CHANGED_AFTER_ATTEMPTS: u32 = 2;
 const CHANGED_AFTER_REQUESTS: u32 = 20;
 
-/// Upper bounds of the jitter histogram, ms.
+/// Upper bounds of the buckets of the jitter histogram, ms.
 pub(in crate::gateway) const JITTER_MS: [f64; 7] = [0.5, 1.0, 2.0, 5.0, 10.0, 50.0, 200.0];
 
 impl DeviceHealth {
@@ -115,8 +118,9 @@ impl DeviceHealth {
         }
     }
 
-    /// Counts late cycles of a line, and returns true if they must be reported. `late` contains their number and the
-    /// longest delay. If a device of the line does not answer, the line waits for it, and is not overloaded.
+    /// Counts late cycles of a bus line, and returns true if they must be reported. `late` contains their number and
+    /// the longest delay. Late cycles are not reported while a device of the line does not answer, because the line
+    /// then waits for it.
     pub(in crate::gateway) fn overrun(&mut self, id: BusId, late: (u64, Duration), now: Moment) -> bool {
         let (count, longest) = late;
         let mut devices = self.profile.devices_on(id);
@@ -130,8 +134,8 @@ impl DeviceHealth {
         before.is_none_or(|before| now.since(before) >= REPORTED_AGAIN)
     }
 
-    /// Returns cause and hint for a signal that may not be used. The cause is the raw value by which the device reports
-    /// the fault, the timestamp of the server, or the fault of device or line.
+    /// Returns cause and hint for a signal that may not be used. The cause names the raw value with which the device
+    /// reports the fault, the timestamp of the server, or the fault of device or connection.
     pub(in crate::gateway) fn why(&self, id: SignalId, reason: Reason) -> Explained {
         self.cause_of(id, reason).or_hint(remedy_of_a_reading(reason))
     }
@@ -181,8 +185,8 @@ impl DeviceHealth {
         }
     }
 
-    /// Returns cause and hint for a signal that is read, but is stale according to its timestamp. `None` if the
-    /// timestamp is not the cause.
+    /// Returns cause and hint for a signal that is read, but whose timestamp is too old. `None` if the timestamp is
+    /// not the cause.
     fn why_stale(&self, id: SignalId) -> Option<Explained> {
         let signal = self.profile.signal(id);
         let age = self.stamped[id.0].filter(|age| *age >= signal.max_age / 2)?.as_secs_f64();
@@ -210,8 +214,8 @@ impl DeviceHealth {
         explain_on(self.profile.bus(self.profile.device(id).bus).transport, seen)
     }
 
-    /// Records the result of a request, for the advice in later messages. Returns the description of the request if it
-    /// has failed.
+    /// Records the result of a request. Later messages use it for their advice. Returns the description of the
+    /// request if the request has failed.
     pub(in crate::gateway) fn record(
         &mut self,
         id: DeviceId,
@@ -221,7 +225,7 @@ impl DeviceHealth {
         self.reads.record(&mut self.devices[id.0].failed, (id, request), outcome)
     }
 
-    /// Records an answer of a device, or a frame from it.
+    /// Records an answer or a frame from a device.
     pub(in crate::gateway) fn answers(&mut self, id: DeviceId, now: Moment, events: &mut Vec<Event>) {
         let count = &mut self.devices[id.0];
         if count.is_here() {
@@ -247,8 +251,8 @@ impl DeviceHealth {
         }));
     }
 
-    /// Counts a failed request. `attempts`: number of attempts to connect that failed before the request. `refused`:
-    /// fault of these attempts.
+    /// Counts a failed request. `attempts`: number of failed attempts to connect before the request. `refused`: fault
+    /// of these attempts.
     pub(in crate::gateway) fn fails(
         &mut self,
         id: DeviceId,
@@ -278,8 +282,8 @@ impl DeviceHealth {
         }
     }
 
-    /// Records that a device has stopped sending, and reports this loss a single time. If the bus of the device is
-    /// down, only the fault of the bus is reported.
+    /// Records that a device has stopped sending, and reports its loss once. If the bus of the device is down, only
+    /// the fault of the bus is reported.
     pub(in crate::gateway) fn is_silent(&mut self, id: DeviceId, fault: Explained, events: &mut Vec<Event>) {
         let is_down = self.buses[self.profile.device(id).bus.0].down.is_some();
         let lost = self.devices[id.0].misses(fault);
@@ -288,13 +292,14 @@ impl DeviceHealth {
         }
     }
 
-    /// Returns whether the result of a request shows the state of the connection of this line. Only the listener of a
-    /// CAN interface reports its state, because a result can be older than a change of the state.
+    /// Returns whether the result of a request shows the state of the bus line's connection. On CAN, only the
+    /// listener of the interface reports this state, because the result of a request can be older than a change of
+    /// the state.
     fn requests_show_link(&self, bus: BusId) -> bool {
         !self.profile.bus(bus).transport.is_can()
     }
 
-    /// Records that a line has a connection or an interface again, and reports it.
+    /// Records that a bus line has a connection or an interface again, and reports this.
     pub(in crate::gateway) fn link_is_up(&mut self, id: BusId, events: &mut Vec<Event>) {
         let bus = self.profile.bus(id);
         events.extend(self.buses[id.0].down.take().map(|down| Event::LinkUp {
@@ -304,8 +309,8 @@ impl DeviceHealth {
         }));
     }
 
-    /// Records that the line has no connection after `attempts` attempts. Reports the loss of the connection, and each
-    /// change of the cause.
+    /// Records that the bus line has no connection after `attempts` attempts. Reports the loss of the connection, and
+    /// each change of its cause.
     pub(in crate::gateway) fn link_is_down(
         &mut self,
         id: BusId,
@@ -339,7 +344,7 @@ impl DeviceCount {
         self.answered && self.lost.is_none()
     }
 
-    /// Returns true if the loss of the device was reported, and its return was not.
+    /// Returns true if the loss of the device was reported, but not yet its return.
     pub(in crate::gateway) fn is_reported_lost(&self) -> bool {
         self.lost.as_ref().is_some_and(|lost| lost.reported.is_some())
     }
@@ -349,7 +354,7 @@ impl DeviceCount {
         self.lost.as_ref().is_some_and(|lost| lost.answers_since.is_none())
     }
 
-    /// Counts a request without an answer, or one that could not be sent.
+    /// Counts a request that the device did not answer, or that could not be sent.
     fn misses(&mut self, fault: Explained) -> &mut LostDevice {
         let lost = self.lost.get_or_insert_default();
         (lost.missed, lost.answers_since, lost.fault) = (lost.missed + 1, None, fault);
@@ -358,7 +363,7 @@ impl DeviceCount {
 }
 
 impl LostDevice {
-    /// Returns whether the loss, or a changed cause, must be reported.
+    /// Returns whether a loss or a new cause of the loss must be reported.
     fn has_news(&mut self) -> bool {
         let fault = &self.fault;
         self.reported.as_mut().is_none_or(|cause| cause.is_now(fault.cause.clone(), CHANGED_AFTER_REQUESTS))
@@ -370,8 +375,8 @@ impl LostDevice {
     }
 }
 
-/// Explains why a reading is rejected. `limit` is the default limit that rejects it; `None` if the profile or its
-/// template states the limit.
+/// Returns the reason why a reading is rejected. `limit` is the default limit that the reading exceeds; `None` if the
+/// limit is set in the profile or the template.
 fn by_default(reason: Reason, limit: Option<String>, hint: &'static str) -> Explained {
     match limit {
         Some(limit) => Explained::new(format!("{reason} ({limit}, the default limit)"), hint),

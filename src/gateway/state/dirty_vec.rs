@@ -1,4 +1,4 @@
-//! Vector that records which of its items may have changed, so that only their dependents are updated.
+//! Vector that records which of its items may have changed, so that only what depends on these items is updated.
 
 use std::ops::{Index, IndexMut};
 
@@ -29,7 +29,7 @@ impl<T> DirtyVec<T> {
         (0..self.items.len()).for_each(|place| self.note(place));
     }
 
-    /// Takes the index of an item that was marked as changed. Returns `None` if there is none.
+    /// Returns the index of an item that was marked as changed, and removes the mark. `None` if no item is marked.
     pub(in crate::gateway) fn next_changed(&mut self) -> Option<usize> {
         let place = self.places.pop()?;
         self.is_noted[place] = false;

@@ -1,4 +1,5 @@
-//! Reports about models that extrapolate, for operators and for programs.
+//! Reports about models that extrapolate: an input is outside the region of the data from which the model was
+//! identified.
 
 use crate::observe::events::Event;
 use crate::observe::status::ExtrapolationStatus;
@@ -33,15 +34,15 @@ fn message(profile: &Profile, found: &Extrapolation) -> String {
     format!("extrapolating: {farthest}; distance {distance:.1}, the limit is {reach:.1}; {does}")
 }
 
-/// Returns cause and hint of an extrapolation. They contain no figures, because figures change all the time.
+/// Returns cause and hint of an extrapolation. The texts contain no figures, because the figures change all the time.
 pub(super) fn cause(profile: &Profile, found: &Extrapolation) -> Explained {
     let farthest = farthest(profile, found, |_, _| "is ".to_owned());
     Explained::new(format!("extrapolating: {farthest}"), MEASURE)
 }
 
-/// Returns the text of the alarm: how extrapolation began, what the axis does, and what ends the alarm. An alarm may
-/// last for days, so the text has no figures that change. `has_envelope` states that the model in use has an envelope;
-/// a model with a guideway may have one too.
+/// Returns the text of the alarm: how the extrapolation began, what the axis does, and what ends the alarm. The text
+/// contains no figures that change, because an alarm may last for days. `has_envelope`: whether the model has an
+/// envelope (region of its inputs). A model with a guideway may have an envelope, too.
 fn alarm(profile: &Profile, found: &Extrapolation, has_envelope: bool) -> String {
     let farthest = farthest(profile, found, |_, _| "was ".to_owned());
     let is_guideway = found.distance.is_none();
@@ -64,7 +65,7 @@ fn alarm(profile: &Profile, found: &Extrapolation, has_envelope: bool) -> String
     format!("extrapolating, which began because {farthest}; {does}; the alarm ends when {ends}")
 }
 
-/// Returns a text about the input that is farthest outside. `by` formats the verb, the distance and its unit.
+/// Returns a text about the input that is farthest outside its range. `by` formats a verb, the distance and its unit.
 fn farthest(profile: &Profile, found: &Extrapolation, by: impl Fn(f64, Unit) -> String) -> String {
     let Some(beyond) = found.farthest else {
         return "the model was not identified with this combination of inputs".to_owned();
@@ -74,9 +75,9 @@ fn farthest(profile: &Profile, found: &Extrapolation, by: impl Fn(f64, Unit) -> 
     format!("{} {}{side} value", signal.name, by(beyond.by.abs(), signal.unit))
 }
 
-/// Returns the event for a change: one when extrapolation begins, and one when it is over. Extrapolation is over when
-/// the inputs are clearly inside again, or if the model in use has no region. While no model can be used, it is not
-/// known whether the axis extrapolates.
+/// Returns an event when extrapolation begins, and another event when it is over. Extrapolation is over when all
+/// inputs are clearly inside the region of the model again, or when the model in use has no region. While no model
+/// can be used, the state is not known, and the function returns `None`.
 pub(super) fn event(
     profile: &Profile,
     axis: &AxisSettings,

@@ -1,5 +1,5 @@
-//! Reads of a device whose last attempt failed. The advice in a message depends on the size of the failed read, and on
-//! whether the device answers other requests.
+//! Reads of a device whose last attempt failed. Advice in messages uses this information: it depends on the size of
+//! the failed read, and on whether the device answers other requests.
 
 use crate::fieldbus::error::Fault;
 use crate::fieldbus::seen::{Asked, Others, Seen};
@@ -7,28 +7,27 @@ use crate::fieldbus::wire::Request;
 use isotherm_core::reading::SignalId;
 use isotherm_profile::{DeviceId, Profile};
 
-/// Number of consecutive failures of a read after which the device may be lost. The count begins again when the device
+/// Number of consecutive failures of one read after which the device may be lost. The count is reset when the device
 /// answers another request.
 const OTHERS_UNKNOWN_AFTER: u8 = 3;
 
 /// Planned reads of registers of all devices.
 #[derive(Debug)]
 pub(in crate::gateway) struct PlannedReads {
-    /// Reads of each device, in the order of their requests.
+    /// Planned reads of each device, in the order of the requests.
     of_device: Vec<Vec<PlannedRead>>,
-    /// For each signal: index of its read in the list of its device. `None` for a signal that is not read from
-    /// registers.
+    /// Index of each signal's read in the list of its device. `None` for a signal that is not read from registers.
     of_signal: Vec<Option<usize>>,
 }
 
-/// One planned read: its request, and the size of the read for advice in messages.
+/// One planned read: its request, and the size of the read for the advice in messages.
 #[derive(Debug)]
 struct PlannedRead {
     request: Request<'static>,
     asked: Asked,
 }
 
-/// Reads of one device whose last attempt failed. Empty if the last attempt of each read was answered with data.
+/// Failed reads of one device. Empty if the device has answered the last attempt of each read with data.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub(in crate::gateway) struct FailedReads(Vec<FailedRead>);
 
@@ -38,7 +37,7 @@ struct FailedRead {
     place: usize,
     fault: Fault,
     others: Others,
-    /// Number of failures in a row since the device last answered another request.
+    /// Number of consecutive failures since the device last answered another request.
     failures: u8,
 }
 
@@ -60,12 +59,13 @@ impl PlannedReads {
         PlannedReads { of_device, of_signal }
     }
 
-    /// Returns the index of a planned read in the list of its device; `None` for any other request.
+    /// Returns the index of the planned read with this request in the list of the device; `None` if the request is
+    /// not planned.
     fn place(&self, device: DeviceId, request: Request<'_>) -> Option<usize> {
         self.of_device[device.0].iter().position(|read| read.request == request)
     }
 
-    /// Records the result of a request to a device. Returns the description of the request if it has failed.
+    /// Records the result of a request to a device. Returns the description of the request if the request has failed.
     pub(in crate::gateway) fn record(
         &self,
         failed: &mut FailedReads,

@@ -1,5 +1,5 @@
-//! Learned model of an axis: the candidate (proposed model), and the resulting change of the preferred model. The types
-//! use no lock and no disk.
+//! Learned model of an axis: the candidate (proposed model), and the resulting change of the preferred model. The
+//! code uses no lock and no disk.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -17,9 +17,9 @@ const LEARN_AGAIN: &str = "run `isotherm learn` again";
 /// Candidate (proposed model) of one axis, and what was reported about it.
 #[derive(Clone, Debug, Default)]
 pub(in crate::gateway) struct AxisLearning {
-    /// Candidate that `isotherm learn` has written last; `None` if there is none.
+    /// Last candidate that `isotherm learn` has written; `None` if no candidate exists.
     pub(in crate::gateway) offer: Option<Arc<Offer>>,
-    /// Name of the learned model that is preferred, as reported last; `None` for the model of the profile.
+    /// Name of the preferred learned model in the last report; `None` if the model of the profile is preferred.
     pub(in crate::gateway) preferred: Option<String>,
     /// Name of the candidate that was last reported as better.
     reported: Option<String>,
@@ -28,9 +28,9 @@ pub(in crate::gateway) struct AxisLearning {
 /// Consequence of a new candidate (proposed model) for the preferred model of its axis.
 #[derive(Clone, Debug, PartialEq)]
 pub(in crate::gateway) enum Consequence {
-    /// Nothing changes.
+    /// The preferred model does not change.
     None,
-    /// The waiting adoption of an earlier candidate is withdrawn.
+    /// The adoption of an earlier candidate, which is not carried out yet, is withdrawn.
     Withdraw,
     /// The candidate is adopted at the next datum (new zero point of Cz).
     Adopt(Change),
@@ -102,7 +102,8 @@ impl AxisLearning {
         (is_news.then_some(gain), consequence)
     }
 
-    /// Returns the policy for the candidate. Only an operator adopts a model that an operator has taken back.
+    /// Returns the policy for the adoption of the candidate. If an operator has taken the model back before, only an
+    /// operator may adopt it again.
     pub(in crate::gateway) fn policy(&self, policy: Policy, preference: &Preference) -> Policy {
         match &self.offer {
             Some(offer) if preference.is_taken_back(&offer.name) => Policy::Propose,
@@ -143,20 +144,20 @@ impl AxisLearning {
     }
 }
 
-/// Returns the day of a time stamp of the computer's clock, as text (2026-01-31).
+/// Returns the date of a time of the computer's clock, as text (2026-01-31).
 pub(in crate::gateway) fn day(at: Moment) -> String {
     let mut text = Vec::new();
     time::write(&mut text, at);
     String::from_utf8_lossy(&text).chars().take_while(|c| *c != 'T').collect()
 }
 
-/// Returns whether a candidate was compared with the model that is in use now. The models of the profile may have
-/// changed since.
+/// Returns whether the candidate was compared with the model that is in use now. The models of the profile may have
+/// changed after the comparison.
 fn is_current(offer: &Offer, preference: &Preference) -> bool {
     offer.own == preference.own() && offer.compared_with.as_deref() == preference.preferred().name()
 }
 
-/// Returns the reason why a candidate is not adopted: it is not better than the model in use, or was not compared yet.
+/// Returns why a candidate is not adopted: it is not better than the model in use, or the two were not compared yet.
 fn not_better(offer: &Offer) -> Explained {
     let cause = match offer.judgement.gain() {
         None => "the candidate has not been compared with the model in use yet".to_owned(),
@@ -172,7 +173,7 @@ fn not_better(offer: &Offer) -> Explained {
 /// Returns the change by which the axis uses its previous model again.
 ///
 /// # Errors
-/// The axis has no previous model, for this reason.
+/// The axis has no previous model. The error contains the reason.
 pub(in crate::gateway) fn back(
     (profile, axis): (&Profile, usize),
     preference: &Preference,

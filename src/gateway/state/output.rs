@@ -17,10 +17,10 @@ use isotherm_profile::{Handshake, Output, OutputId, Profile, Writes};
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
 pub(in crate::gateway) enum RegisterHealth {
-    /// The register has not been read or written in this run.
+    /// The register has not been read or written in this run, so its value is not known.
     #[default]
     Unknown,
-    /// The register value is known, and the gateway accepts it.
+    /// The register value is known, and is the value that the gateway expects.
     Verified,
     /// The last write failed, or the value read back was different.
     Unverified,
@@ -33,9 +33,10 @@ pub(in crate::gateway) enum RegisterHealth {
 #[derive(Clone, Copy, Debug, Default)]
 pub(in crate::gateway) struct OutputState {
     pub(in crate::gateway) standing: RegisterHealth,
-    /// Last verified Cz in the register. For a slope: its effect at the largest distance of the axis from the reference
-    /// position. For a position that includes Cz: that Cz. For the reference position, only `Some` (the register value
-    /// is known) or `None` has a meaning.
+    /// Last verified Cz (compensation value) in the register. For a slope, this is the effect of the slope at the
+    /// axis's largest distance from the reference position. For a corrected position, this is the Cz that the
+    /// position includes. For a reference position, the number has no meaning, and `Some` means that the register
+    /// value is known.
     pub(in crate::gateway) cz: Option<Micron>,
     /// Register value, in the unit of the output.
     pub(in crate::gateway) value: Option<f64>,
@@ -45,14 +46,14 @@ pub(in crate::gateway) struct OutputState {
     pub(in crate::gateway) verified_at: Option<Moment>,
     /// Value that the control reports as applied, in the unit of the output, and the time of the request that read it.
     pub(in crate::gateway) applied: Option<(f64, Moment)>,
-    /// Time after which an unanswered write can no longer arrive.
+    /// Time after which a late write (unanswered so far) can no longer arrive.
     pub(in crate::gateway) waits_until: Option<Moment>,
-    /// Whether a change of the register waits until `waits_until`.
+    /// Whether the next change of the register must wait until `waits_until`.
     pub(in crate::gateway) is_waiting: bool,
-    /// Whether the last write was only acknowledged, because the register is not read.
+    /// Whether the register value is only known from the answer to the last write, because the register is not read.
     pub(in crate::gateway) is_only_acknowledged: bool,
     pub(in crate::gateway) writes: u64,
-    /// Failures since the last verified write.
+    /// Number of failed requests since the last verified write.
     pub(in crate::gateway) failures: u64,
     /// Last failed request; `None` before the first one.
     pub(in crate::gateway) cause: Option<Seen>,
@@ -72,11 +73,11 @@ pub(in crate::gateway) struct HandshakeStatus {
     pub(in crate::gateway) waits: Option<Awaited>,
     /// Failure of the last handshake. `None` after a successful handshake.
     pub(in crate::gateway) failed: Option<HandshakeFault>,
-    /// Whether the strobe signal is up, or may be.
+    /// Whether the strobe signal is set, or may be set.
     pub(in crate::gateway) strobe_up: bool,
-    /// Whether the control word next to the strobe signal may report that every axis is armed.
+    /// Whether the control word that is written with the strobe signal may report that every axis is armed.
     pub(in crate::gateway) says_enabled: bool,
-    /// Whether the control has not taken the register value yet.
+    /// Whether the control has not accepted the register value yet.
     pub(in crate::gateway) is_untaken: bool,
 }
 
@@ -102,7 +103,7 @@ impl Outputs {
         self.of_axis[axis].iter().map(|id| (self.profile.output(*id), &self.states[id.0]))
     }
 
-    /// Returns the displayed state of an axis.
+    /// Returns the state of an axis for the display.
     pub(in crate::gateway) fn display(
         &self,
         axis: usize,
@@ -112,7 +113,7 @@ impl Outputs {
         Display::of(state, intent, self.held(axis, device_health, dry_run))
     }
 
-    /// Returns the Cz of an axis in the control, as far as the gateway knows it.
+    /// Returns what is known about the Cz that the control applies to an axis.
     fn held(&self, axis: usize, device_health: &DeviceHealth, dry_run: bool) -> KnownCz {
         if dry_run {
             return KnownCz::Unknown;
@@ -154,7 +155,7 @@ impl IndexMut<usize> for Outputs {
 }
 
 impl HandshakeStatus {
-    /// Returns a message about the handshake for the web page; empty if there is nothing to report.
+    /// Returns a text about the handshake for the web page; empty if there is nothing to report.
     pub(in crate::gateway) fn message(self, handshake: Option<&Handshake>) -> String {
         let Some(Handshake { strobe, acknowledge, .. }) = handshake else { return String::new() };
         match (self.failed, self.waits) {
@@ -170,7 +171,8 @@ impl HandshakeStatus {
 }
 
 impl OutputState {
-    /// Returns the maximum remaining time for which a change waits for a late write; `None` if no change waits.
+    /// Returns how long a change of the register must still wait for a late write, at most; `None` if no change
+    /// waits.
     pub(in crate::gateway) fn waits(&self, now: Moment) -> Option<Duration> {
         self.waits_until.filter(|_| self.is_waiting).map(|until| until.since(now))
     }
@@ -186,7 +188,7 @@ impl OutputState {
         }
     }
 
-    /// Returns whether this verified Cz equals `wanted`, to half a count of the register.
+    /// Returns whether the verified Cz `cz` equals `wanted`, to half a count of the register.
     pub(in crate::gateway) fn is_near(
         &self,
         profile: &Profile,

@@ -21,8 +21,8 @@ pub(in crate::gateway) fn of_an_output(profile: &Profile, output: OutputId, faul
     words.unwrap_or_else(|| fault.to_string())
 }
 
-/// Returns the size of an output's read, for advice in messages. [`Asked::Any`] for an output in a set, because quirks
-/// for the reads of signals do not change the reads of a set.
+/// Returns the size of the read of an output, for the advice in messages. Returns [`Asked::Any`] for an output in a
+/// set, because the read of a set does not depend on the device's `quirks` for reads of signals.
 pub(in crate::gateway) fn read_of(profile: &Profile, id: OutputId) -> Asked {
     match profile.output(id).set {
         Some(_) => Asked::Any,
@@ -30,8 +30,8 @@ pub(in crate::gateway) fn read_of(profile: &Profile, id: OutputId) -> Asked {
     }
 }
 
-/// Returns the function code of an output's write, for advice in messages. A set is written with as few requests as
-/// possible.
+/// Returns the function code of the write of an output, for the advice in messages. A set is written with as few
+/// requests as possible.
 pub(in crate::gateway) fn write_of(profile: &Profile, id: OutputId) -> Asked {
     let output = profile.output(id);
     let device = profile.device(output.device);

@@ -1,9 +1,9 @@
-//! Pauses of the computer. Readings and decisions from before a pause are not used after it, and every register is read
-//! again.
+//! Pauses of the computer. After a pause, readings and decisions from before the pause are not used, and every
+//! register is read again.
 
 use isotherm_core::quantity::Moment;
 
-/// Number of pauses, and the end of the last one.
+/// Number of pauses, and the end of the last pause.
 #[derive(Clone, Copy, Debug, Default)]
 pub(in crate::gateway) struct Pauses {
     count: u64,

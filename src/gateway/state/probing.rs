@@ -1,13 +1,13 @@
 //! Detects a new result of a probing cycle, and the Cz that acted during its measurement.
 //!
-//! A cycle of the CNC writes its result to one register. It then signals the new result in another register, the
-//! trigger: with a flag that it raises or with a counter. A change of the trigger to anything but zero is a probing.
-//! The result of the probing is the error that is read from then on. A result that was read just before the trigger is
-//! therefore not taken for the new one. Without a trigger each change of the error is a probing, and two equal results
-//! in a row count as one.
+//! A cycle of the CNC writes its result (the measured error) to one register. It then announces the result in another
+//! register, the trigger. The trigger is a flag or a counter. A change of the trigger to a value other than zero
+//! shows a new probing. The result of this probing is the first error that is read after the trigger, because an
+//! error from before belongs to an earlier probing. Without a trigger, each change of the error shows a new probing.
+//! Two equal results in a row then count as one probing.
 //!
-//! The first value of a trigger, and the first after a failed read, only show its present state. The time of an earlier
-//! probing is not known, so it cannot be compared with the Cz that acted then.
+//! The first value of a trigger, and the first value after a failed read, do not show a new probing. Such a probing
+//! may have been earlier, and the Cz (compensation value) that acted then is not known.
 
 use isotherm_core::compensation::{Measured, Probed, Refused};
 use isotherm_core::explained::Explained;
@@ -18,7 +18,7 @@ use super::arming::Arming;
 use super::output::{Outputs, RegisterHealth};
 use super::signal_table::SignalTable;
 
-/// Probing of one axis, and the results that wait for its next step.
+/// Probing of one axis, and results that the next step of the axis will use.
 #[derive(Clone, Debug, Default)]
 pub(in crate::gateway) struct Probing {
     seen: Option<f64>,
@@ -39,7 +39,7 @@ struct StartedProbe {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(in crate::gateway) enum MissReason {
     NoResult,
-    /// The Cz that acted during the measurement is not known.
+    /// The Cz that acted in the machine during the measurement is not known.
     Acting,
 }
 
@@ -53,7 +53,8 @@ impl MissReason {
 }
 
 impl Probing {
-    /// Checks for a new result. Returns `None` if there is none. `acting`: Cz that acts in the machine now.
+    /// Checks whether a new result can be read. Returns `None` if there is no new result. `acting`: Cz that acts in
+    /// the machine now.
     pub(in crate::gateway) fn check(
         &mut self,
         profile: &Profile,

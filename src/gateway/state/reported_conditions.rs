@@ -1,5 +1,5 @@
-//! Reported conditions of the axes. Each state, level, extrapolation, stand-in and worse model is reported once when it
-//! begins, and once when it ends.
+//! Conditions of the axes that are reported once when they begin, and once when they end. They are the state, the
+//! levels, extrapolation, stand-ins (values that replace a sensor), and a model that is worse than no compensation.
 
 use std::time::Duration;
 
@@ -13,7 +13,7 @@ use isotherm_profile::Profile;
 
 use super::{comparison, extrapolation, stand_in};
 
-/// Number of consecutive steps with another cause of the same state, before the change is reported.
+/// Number of consecutive steps with a new cause for the same state, after which the new cause is reported.
 const CHANGED_AFTER_STEPS: u32 = 2;
 
 #[derive(Clone, Debug, Default)]
@@ -28,7 +28,8 @@ pub(in crate::gateway) struct ReportedConditions {
     rejected: Vec<stand_in::ReportedSensor>,
 }
 
-/// Levels of one axis (limit, warning level, error level) that have been reported and have not ended.
+/// Levels of one axis (limit, warning level, error level) that were reported as exceeded, and whose end was not
+/// reported.
 #[derive(Clone, Copy, Debug, Default)]
 struct Levels {
     limit: LimitState,
@@ -48,17 +49,17 @@ enum LimitState {
     Lasting,
 }
 
-/// Fraction of a level below which a report about the level ends. A value that fluctuates at the level is therefore
-/// reported once.
+/// Fraction of a level below which the level counts as no longer exceeded. Therefore a value that fluctuates around
+/// the level is reported once.
 const ENDS_AT: f64 = 0.95;
-/// Time at the limit after which an alarm is reported.
+/// Time for which an axis must be at its limit before an alarm is reported.
 const LIMIT_LASTS_AFTER: Duration = Duration::from_secs(5 * 60);
-/// Maximum number of signals in the alarm whose contributions to Cz are listed.
+/// Maximum number of signals that the alarm lists with their contributions to Cz.
 const SHOWN_CONTRIBUTIONS: usize = 3;
 
 impl Levels {
-    /// Adds the events of this decision about the limit of the axis. They report that the limit is reached, that the
-    /// axis stays at it for long, and that this is over.
+    /// Adds events about the limit of the axis after a decision: the axis has reached its limit, has been at the
+    /// limit for long, or is clearly within the limit again.
     fn report_limit(
         &mut self,
         (profile, axis): (&Profile, &AxisSettings),
@@ -98,7 +99,7 @@ impl Levels {
         }
     }
 
-    /// Adds the events of this decision about the warning level and the error level of the axis.
+    /// Adds events about the warning level and the error level of the axis after a decision.
     fn report(&mut self, axis: &AxisSettings, decision: &Decision, events: &mut Vec<Event>) {
         let name = || axis.name.clone();
         let size = decision.cz.abs().get().max(decision.slope.abs().get());
@@ -121,8 +122,8 @@ impl ReportedConditions {
         self.levels.warned
     }
 
-    /// Adds the events of this decision. `why` returns why the axis does not follow its preferred model.
-    /// `contributions` returns the contributions of the signals to its Cz, the largest first.
+    /// Adds the events after a decision of the axis. `why` returns why the axis does not follow its preferred model.
+    /// `contributions` returns the contributions of the signals to Cz, with the largest contribution first.
     pub(in crate::gateway) fn report(
         &mut self,
         profile: &Profile,
@@ -156,7 +157,7 @@ impl ReportedConditions {
         events.extend(comparison::event(axis, decision, &mut self.worse));
     }
 
-    /// Adds the events of the sensors that the axis rejects.
+    /// Adds events about the sensors that the axis rejects.
     pub(in crate::gateway) fn report_rejected(
         &mut self,
         profile: &Profile,

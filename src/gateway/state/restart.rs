@@ -1,7 +1,8 @@
-//! Restarts of a control: its boot counter has changed, or the machine was switched on again.
+//! Restarts of a control. A restart is detected when the boot counter of the control has changed, or when the machine
+//! was switched on again.
 //!
-//! In both cases the registers may hold any value. Each output counts the restarts that concern it. Its task reads the
-//! register again, and the axis resumes from the value read, armed as before.
+//! After a restart, the registers may hold any value. The gateway counts the restarts for each output. The line task
+//! then reads the register again, and the axis continues from the value read. It stays armed.
 
 use std::sync::Arc;
 
@@ -18,9 +19,9 @@ use super::signal_table::SignalTable;
 #[derive(Clone, Debug)]
 pub(in crate::gateway) struct Restarts {
     profile: Arc<Profile>,
-    /// Number of restarts that concern each output.
+    /// Number of restarts of the control for each output.
     counts: Vec<u64>,
-    /// For each line: the boot counters that are read on the line, with their last good reading.
+    /// Boot counters that are read on each bus line, with the last good reading of each counter.
     counters: Vec<Vec<(SignalId, Option<f64>)>>,
     /// Last good reading of the machine's `on` signal.
     was_on: Option<bool>,
@@ -55,8 +56,8 @@ impl Restarts {
         }
     }
 
-    /// Checks the latest readings of this line for a restart of a control. A restart breaks the continuity of the
-    /// devices of the control. Returns true if a control may have been restarted.
+    /// Checks whether the latest readings of this bus line show a restart of a control. A restart breaks the
+    /// continuity of the control's devices. Returns true if a control may have been restarted.
     pub(in crate::gateway) fn check(
         &mut self,
         board: &SignalTable,

@@ -2,15 +2,15 @@
 
 use isotherm_profile::OnStop;
 
-/// Phase of a run: normal operation, stop, or end of the tasks.
+/// Phase of a run: normal operation, stop, or end of the line tasks.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(in crate::gateway) enum RunPhase {
     /// No stop was requested.
     #[default]
     Running,
-    /// A stop was requested, with this action.
+    /// A stop was requested, with the contained action.
     Stopping(OnStop),
-    /// The tasks of the lines end now. No strobe signal may stay set.
+    /// The tasks of the bus lines end now. They must reset every strobe signal before.
     Leaving(OnStop),
 }
 
@@ -28,12 +28,12 @@ impl RunPhase {
         self.stop().is_some()
     }
 
-    /// Returns whether the tasks of the lines end now.
+    /// Returns whether the tasks of the bus lines end now.
     pub(in crate::gateway) fn is_leaving(self) -> bool {
         matches!(self, RunPhase::Leaving(_))
     }
 
-    /// Ends the tasks of the lines after a requested stop.
+    /// Requests the tasks of the bus lines to end, if a stop was requested before.
     pub(in crate::gateway) fn leave(&mut self) {
         if let RunPhase::Stopping(action) = *self {
             *self = RunPhase::Leaving(action);

@@ -1,10 +1,11 @@
-//! Scales that devices store in separate registers: values that wait for their scale, and changes of a scale.
+//! Scales that devices store in separate registers. A value may wait until its scale is read, and a device may change
+//! a scale.
 
 use isotherm_core::codec::{Encoded, Encoding, ScaleRead, ScaleWatch};
 use isotherm_core::quantity::Moment;
 use isotherm_core::reading::Reason;
 
-/// Place of the scale: in the same answer as the value, or in the answer to another request.
+/// Whether the scale is in the same answer as the value, or in the answer to another request.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(in crate::gateway) enum ScalePlace {
     /// The scale is in the same answer as the value.
@@ -23,12 +24,13 @@ pub(super) struct SignalScale {
     waiting: Option<WaitingValue>,
     /// Number of changes of the scale so far. Each change is a break of the continuity of the signal.
     changes: u64,
-    /// Former and new exponent, until the change is reported.
+    /// Former and new exponent of a change that has not been reported yet.
     unreported: Option<(i8, i8)>,
     plausibility: Plausibility,
 }
 
-/// Whether a value after a change of the scale was plausible, compared with the values before the change.
+/// Whether the gateway has received a plausible value after a change of the scale. A value is compared with the
+/// values before the change.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Plausibility {
     /// The scale has not changed, or a value since its last change was plausible.
@@ -37,13 +39,13 @@ enum Plausibility {
     Open,
 }
 
-/// Value that waits until its scale is read.
+/// Value that cannot be used before its scale is read.
 #[derive(Clone, Copy, Debug)]
 struct WaitingValue {
     raw: Encoded,
     /// Time of the value.
     at: Moment,
-    /// Number of breaks of the device's continuity when the value was read.
+    /// Number of breaks in the device's continuity at the time of the read.
     breaks: u64,
 }
 
@@ -61,24 +63,24 @@ impl Default for SignalScale {
 }
 
 impl SignalScale {
-    /// Creates the state of a scale after a start of the gateway. `exponent` is the power of ten of the previous run;
-    /// `None` if it is not known.
+    /// Creates the state of a scale at the start of the gateway. `exponent` is the last power of ten in the previous
+    /// run; `None` if it is not known.
     pub(super) fn after_start(exponent: Option<i8>) -> SignalScale {
         SignalScale { watch: ScaleWatch::after_start(exponent), ..SignalScale::default() }
     }
 
-    /// Returns the exponent that is used. `None` if none was read, and for a fixed scale.
+    /// Returns the exponent in use. `None` if no exponent was read yet, or if the scale is fixed.
     pub(super) fn exponent(&self) -> Option<i8> {
         self.watch.accepted()
     }
 
-    /// Returns `true` if the scale has changed, and no value since that change was plausible.
+    /// Returns `true` if the scale has changed, and no plausible value was received since the change.
     pub(super) fn is_open(&self) -> bool {
         self.plausibility == Plausibility::Open
     }
 
-    /// Processes an exponent (power of ten of the scale) that was read. Returns the value that waited for it, with its
-    /// time. `None` if no value waited, or if its exponent is not known.
+    /// Processes a new exponent (power of ten of the scale). Returns the value that waited for this exponent, with
+    /// its time. `None` if no value waited, or if the exponent is not known.
     pub(super) fn read(
         &mut self,
         exponent: Result<i8, Reason>,
@@ -99,12 +101,12 @@ impl SignalScale {
         Some((value, waiting.at))
     }
 
-    /// Returns the value in an answer that contains its scale too.
+    /// Converts a value whose scale is in the same answer.
     pub(super) fn value(&self, raw: Encoded, encoding: &Encoding) -> Result<f64, Reason> {
         self.current.and_then(|exponent| encoding.decode_at(raw.registers(), exponent))
     }
 
-    /// Keeps a value until its scale is read.
+    /// Stores a value until its scale is read.
     pub(super) fn wait(&mut self, raw: Encoded, at: Moment, breaks: u64) {
         self.waiting = Some(WaitingValue { raw, at, breaks });
     }
@@ -121,7 +123,7 @@ impl SignalScale {
     }
 
     /// Returns the reason for rejecting a value that differs too much from the last value before a break of the
-    /// continuity.
+    /// continuity or a change of the scale.
     pub(super) fn why_jumped(&self) -> Reason {
         match self.plausibility {
             Plausibility::Confirmed => Reason::Jumped,

@@ -1,5 +1,5 @@
-//! Sign of an axis: direction in which Cz moves the axis. The module contains the running check with a dial gauge, and
-//! the saved results of earlier checks.
+//! Sign of an axis: the direction in which Cz (compensation value) moves the axis. The types contain the running
+//! check with a dial gauge, and the saved results of earlier checks.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -14,11 +14,11 @@ use isotherm_profile::{Profile, Writes};
 
 /// Distance of a sign check, µm. A dial gauge shows this distance clearly, and the movement does not spoil a workpiece.
 pub(in crate::gateway) const WAY: f64 = 5.0;
-/// Time in which the operator must answer after Cz has reached the value at which the gauge is read. Without an answer,
-/// Cz returns to its earlier value.
+/// Time in which the operator must answer, after Cz has reached the value at which the gauge is read. Without an
+/// answer, Cz returns to its earlier value.
 pub const PATIENCE: Duration = Duration::from_secs(180);
 
-/// Sign check that is under way.
+/// Sign check that is running.
 #[derive(Clone, Debug)]
 pub(in crate::gateway) struct SignCheck {
     pub(in crate::gateway) by: Arc<Requester>,
@@ -30,14 +30,14 @@ pub(in crate::gateway) struct SignCheck {
 /// Stage of a sign check.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(in crate::gateway) enum SignStage {
-    /// The check waits until the axis compensates and its registers hold its offset.
+    /// The check waits until the axis compensates and its registers hold Cz.
     Waits,
-    /// The axis has no model, and its register did not hold zero. Cz returns to zero, and the check then ends: a gauge
-    /// that was set to zero before does not show the movement alone.
+    /// The axis has no model, and its register did not hold zero. Cz returns to zero, and the check then ends. The
+    /// operator must set the gauge again, because the gauge has also shown the return to zero.
     ReturnsToZero,
     /// Cz moves to the value at which the gauge is read.
     Moves(SignMove),
-    /// The registers hold this value, so that the gauge may be read.
+    /// The registers hold the Cz at which the operator may read the gauge.
     Reached(SignMove),
 }
 
@@ -53,7 +53,7 @@ pub(in crate::gateway) struct SignMove {
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(in crate::gateway) struct SignMemory {
-    /// Whether the operator was reminded that the sign check of the axis is still to be done.
+    /// Whether the operator was reminded to check the sign of the axis.
     #[serde(default)]
     reminded: bool,
     /// Time and result of the last check that was answered.
@@ -61,14 +61,15 @@ pub(in crate::gateway) struct SignMemory {
 }
 
 impl SignMemory {
-    /// Returns `true` once if the sign of the axis was never checked: the operator must then be reminded.
+    /// Returns `true` if the operator must be reminded, because the sign of the axis was never checked. Returns
+    /// `true` only once.
     pub(in crate::gateway) fn reminds(&mut self) -> bool {
         self.checked.is_none() && !std::mem::replace(&mut self.reminded, true)
     }
 }
 
 impl SignMove {
-    /// Returns the movement from this Cz in the plus direction.
+    /// Returns the movement that begins at this Cz, in the plus direction.
     pub(in crate::gateway) fn beginning_at(from: Micron) -> SignMove {
         SignMove { from, to: Micron::new(from.get() + WAY).unwrap_or(from) }
     }
@@ -80,7 +81,8 @@ impl SignMove {
 }
 
 impl SignCheck {
-    /// Returns the Cz that the check requests instead of the value of the model; `None` while it waits.
+    /// Returns the Cz that the check requests in place of the value of the model; `None` if the check does not move
+    /// the axis.
     pub(in crate::gateway) fn target(&self) -> Option<Micron> {
         match self.stage {
             SignStage::Waits | SignStage::ReturnsToZero => None,
@@ -104,18 +106,19 @@ impl SignCheck {
     }
 }
 
-/// Returns, as text, how a gauge or the readout must have moved in the sign check of an axis.
+/// Returns a text about the movement that a gauge or the readout must show in the sign check of an axis.
 pub fn sign_expectation(profile: &Profile, axis: usize) -> String {
     must(profile, axis, SignMove::beginning_at(Micron::ZERO).way())
 }
 
-/// Returns whether a register with this Cz, µm, holds the zero at which the sign check of an axis without a model begins.
+/// Returns whether this Cz of a register, in µm, counts as zero. The sign check of an axis without a model begins at
+/// zero.
 pub fn is_at_zero(profile: &Profile, axis: usize, cz: f64) -> bool {
     let guard = &profile.axes[axis].settings.guard;
     Micron::new(cz).is_some_and(|cz| is_at(guard, cz, Micron::ZERO))
 }
 
-/// Returns, as text, the direction in which a gauge or the readout must have moved.
+/// Returns a text about the direction in which a gauge or the readout must move when Cz changes by `way`.
 pub(in crate::gateway) fn must(profile: &Profile, axis: usize, way: Micron) -> String {
     let axis_name = &profile.axes[axis].settings.name;
     let of_axis = || profile.outputs.iter().filter(|output| output.axis.0 == axis);
@@ -133,7 +136,7 @@ pub(in crate::gateway) fn must(profile: &Profile, axis: usize, way: Micron) -> S
     texts.join("; ")
 }
 
-/// Returns the reason why the movement is never possible with these settings and this Cz. `None` if it is possible.
+/// Returns why these settings and this Cz do not permit the movement of a sign check. `None` if they permit it.
 pub(in crate::gateway) fn refused(guard: &GuardSettings, from: Micron, axis: &str) -> Option<String> {
     let beyond = (from.get() + WAY).abs() > guard.limit.get();
     if beyond {
@@ -157,8 +160,8 @@ pub(in crate::gateway) fn time_to_zero(guard: &GuardSettings, every: Duration, c
     way.saturating_add(every * 2)
 }
 
-/// Returns whether `cz` equals `place`, within the resolution of Cz (deadband, or one count of the register if that is
-/// larger).
+/// Returns whether `cz` equals `place`, to the resolution of Cz: the deadband, or one count of the register if a
+/// count is larger.
 pub(in crate::gateway) fn is_at(guard: &GuardSettings, cz: Micron, place: Micron) -> bool {
     let grain = guard.deadband.get().max(guard.count.map_or(0.0, Micron::get));
     (cz - place).abs().get() <= grain * 1.001 + 1e-6

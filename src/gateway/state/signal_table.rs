@@ -1,5 +1,5 @@
-//! Table of signals: the latest reading of each signal, whether the reading may be used, and since when the signal is
-//! bad.
+//! Table of signals: the latest reading of each signal, whether the reading may be used, and the beginning of each
+//! fault.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -15,58 +15,59 @@ use isotherm_core::reading::{Quality, Reading, Reason, SignalId};
 use isotherm_profile::{DeviceId, Profile, Signal};
 use serde::{Deserialize, Serialize};
 
-/// Consecutive steps with a new reason before a bad signal is reported with that reason.
+/// Number of consecutive steps with a new reason, after which the new reason of a bad signal is reported.
 const CHANGED_AFTER_STEPS: u32 = 2;
 
 #[derive(Debug)]
 pub(in crate::gateway) struct SignalTable {
     latest: Latest,
-    /// Filter of the rate of change of each signal.
+    /// Filter of each signal that rejects values that change too fast.
     rates: Vec<RateFilter>,
-    /// Last value of each signal as it was read.
+    /// Last value of each signal as the gateway read it, with its time.
     read: Vec<Option<(Result<f64, Reason>, Moment)>>,
-    /// Positions of the counters; `None` for other signals.
+    /// State of each signal that is a counter; `None` for other signals.
     counters: Vec<Option<Box<CounterState>>>,
-    /// Scales that are read from other registers; `None` for other signals, and before the first read.
+    /// Scale of each signal whose scale is in another register. `None` for other signals, and before the first read.
     scales: Vec<Option<Box<SignalScale>>>,
-    /// Readings of the last step, after the check of their age and of `fault_when`. Each step refills them without
-    /// reallocation.
+    /// Readings of the last step, after the check of their age and of `fault_when`. Each step overwrites them in the
+    /// same memory.
     seen: Vec<Reading>,
-    /// Since when and why each signal is bad.
+    /// Cause and beginning of the fault of each bad signal; `None` for a good signal.
     bad: Vec<Option<Box<BadSignal>>>,
 }
 
-/// Position of one counter.
+/// State of one counter, for example of a scale that counts steps.
 #[derive(Debug, Default)]
 struct CounterState {
     /// Position of the counter, with its rollovers added.
     tracked: Tracked,
-    /// Positions before and after the counter was set to another value, until the change is reported.
+    /// Positions before and after the counter was set to another value. `None` after this was reported.
     rereferenced: Option<(f64, f64)>,
 }
 
-/// Cause of a signal that is bad, and the time since when it is bad.
+/// Cause of a signal's fault, and the time at which the fault began.
 #[derive(Debug)]
 struct BadSignal {
     cause: Cause<Reason>,
     since: Moment,
-    /// Whether the bad signal was reported. A device or line that does not answer is reported separately.
+    /// Whether the fault of the signal was reported. If the device or the bus does not answer, only the device or bus
+    /// is reported.
     is_reported: bool,
 }
 
-/// Last good value of a signal, and the age of the value when it was saved.
+/// Last good value of a signal in the saved state, and the age of the value at the time of saving.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(in crate::gateway) struct LastGood {
     pub(in crate::gateway) value: f64,
     pub(in crate::gateway) age: Duration,
-    /// Power of ten of the scale, which the gateway reads from another register. `None` for a fixed scale.
+    /// Power of ten of the scale, if the scale is in another register. `None` for a fixed scale.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(in crate::gateway) exponent: Option<i8>,
 }
 
-/// Settings of one signal that each of its readings needs, copied from the profile. In the profile, the signals are so
-/// far apart in memory that each access misses the caches of the processor when there are many signals.
+/// Settings of one signal that are used for each reading, copied from the profile. In the profile, the signals are
+/// far apart in memory. With many signals, each access to the profile would miss the cache of the processor.
 #[derive(Clone, Copy, Debug)]
 struct SignalRules {
     max_age: Duration,
@@ -77,12 +78,12 @@ struct SignalRules {
     has_scale: bool,
 }
 
-/// Latest readings, and their quality at any moment.
+/// Latest readings, and functions for their quality at any time.
 #[derive(Clone, Debug)]
 pub(in crate::gateway) struct Latest {
     profile: Arc<Profile>,
     rules: Arc<[SignalRules]>,
-    /// Latest reading of each signal, as the task of its line has stored it.
+    /// Latest reading of each signal, as the task of its bus line has stored it.
     readings: Vec<Reading>,
     /// Reason why the latest reads of each signal failed. The last value is used until it is stale.
     failing: Vec<Option<Reason>>,
@@ -91,13 +92,13 @@ pub(in crate::gateway) struct Latest {
 /// Change of the quality of a signal that must be reported.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(in crate::gateway) enum QualityChange {
-    /// The signal cannot be used, for this reason.
+    /// The signal can no longer be used, for the contained reason.
     Lost(SignalId, Reason),
-    /// The signal can be used again. It was bad since this moment.
+    /// The signal can be used again. The contained time is the beginning of its fault.
     Back(SignalId, Moment),
-    /// The counter was set to another value without a movement: position before, and position after.
+    /// The counter was set to another value without a movement. Contains the positions before and after this.
     Rereferenced(SignalId, f64, f64),
-    /// The device has changed the scale of the signal: former and new power of ten.
+    /// The device has changed the scale of the signal. Contains the former and the new power of ten.
     ScaleChanged(SignalId, i8, i8),
 }
 
@@ -121,8 +122,9 @@ impl SignalTable {
         }
     }
 
-    /// Starts the rate filters with the last good values of the previous run, by signal name. Signals without a limit of
-    /// the rate and signals of devices with checks are left out. The checks do not include a scale in another register.
+    /// Starts the rate filters with the last good values of the previous run, by signal name. Some signals are left
+    /// out: those without a rate limit, and those of a device with checks. A scale in another register is not covered
+    /// by the checks, so such a signal is not left out.
     pub(in crate::gateway) fn recall(&mut self, values: &BTreeMap<String, LastGood>, start: Moment) {
         let profile = &self.latest.profile;
         for (place, signal) in profile.signals.iter().enumerate() {
@@ -137,7 +139,7 @@ impl SignalTable {
         }
     }
 
-    /// Returns the last good value of each signal that has a limit of the rate, by name.
+    /// Returns the last good value of each signal with a limit of its rate of change. The keys are the signal names.
     pub(in crate::gateway) fn last_good(&self, now: Moment) -> BTreeMap<String, LastGood> {
         let signals = self.latest.profile.signals.iter().zip(&self.rates).zip(&self.scales);
         let good = signals.filter_map(|((signal, filter), scale)| {
@@ -148,9 +150,9 @@ impl SignalTable {
         good.collect()
     }
 
-    /// Stores a value from a line. The value is good if it is within the range of the signal. It must also not differ
-    /// from the last good value by more than the limit of its rate of change allows. Values before and after a break of
-    /// the device's continuity are compared too. `breaks`: number of breaks so far.
+    /// Stores a value that a line task has read. The value is good if it is within the range of the signal. In
+    /// addition, its change since the last good value must be within the rate limit. This also applies if the
+    /// device's continuity was broken between the two values. `breaks`: number of breaks so far.
     pub(in crate::gateway) fn store(
         &mut self,
         id: SignalId,
@@ -189,7 +191,7 @@ impl SignalTable {
         };
     }
 
-    /// Stores the power of ten of the scale of a signal, and the value that has waited for it.
+    /// Stores the scale exponent (power of ten) of a signal, and the value that has waited for the exponent.
     pub(in crate::gateway) fn store_scale(
         &mut self,
         id: SignalId,
@@ -233,8 +235,9 @@ impl SignalTable {
     }
 
     /// Stores a value that may be the answer to a request of another master. The value is used only if it agrees with
-    /// the value read before it: within the `max_rate` of the profile, or exactly if there is none. The default is too
-    /// wide to distinguish two masters. Otherwise the last good value is used until it is stale.
+    /// the value read before. The two values agree if their difference is within the `max_rate` of the profile.
+    /// Without `max_rate` in the profile they must be equal, because the default is too wide to distinguish two
+    /// masters. Otherwise, the last good value is used until it is stale.
     pub(in crate::gateway) fn store_ambiguous(
         &mut self,
         id: SignalId,
@@ -259,8 +262,9 @@ impl SignalTable {
         }
     }
 
-    /// Marks the last reading as doubtful: it may be the answer to a request of another master that was detected after
-    /// it. Without a `max_rate` of the profile no check has confirmed the reading, so it is rejected.
+    /// Marks the last reading as doubtful, because it may be the answer to a request of another master. This master
+    /// was detected after the reading. Without `max_rate` in the profile, the reading is rejected, because no check
+    /// has confirmed it.
     pub(in crate::gateway) fn doubt(&mut self, id: SignalId) {
         let reading = &mut self.latest.readings[id.0];
         if reading.quality == Quality::Good && self.latest.profile.signal(id).max_rate.is_none() {
@@ -270,19 +274,20 @@ impl SignalTable {
         self.forget_waiting(id);
     }
 
-    /// Discards two answers of which one may belong to another master. The last good value is used until it is stale.
+    /// Discards two answers, because one of them may belong to another master. The last good value is used until it
+    /// is stale.
     pub(in crate::gateway) fn store_contested(&mut self, id: SignalId) {
         self.read[id.0] = None;
         self.forget_waiting(id);
         self.fail(id, Reason::BadReply);
     }
 
-    /// Discards a value that waits for its scale.
+    /// Discards a value that waits for the read of its scale.
     fn forget_waiting(&mut self, id: SignalId) {
         self.scales[id.0].iter_mut().for_each(|scale| scale.forget());
     }
 
-    /// Returns the position of a counter with its rollovers. Any other value is returned unchanged.
+    /// Adds the rollovers to the value of a counter. Returns the value of any other signal unchanged.
     fn position(&mut self, id: SignalId, value: f64, at: Moment) -> Result<f64, Reason> {
         let Some(state) = &mut self.counters[id.0] else { return Ok(value) };
         let signal = self.latest.profile.signal(id);
@@ -309,13 +314,13 @@ impl SignalTable {
         jumped.into_iter().map(|(_, name)| name).collect()
     }
 
-    /// Records a failed attempt to read a signal. One lost answer is no fault: the last value is used until it is
-    /// stale.
+    /// Records a failed attempt to read a signal. A single lost answer is not a fault, because the last value is used
+    /// until it is stale.
     pub(in crate::gateway) fn fail(&mut self, id: SignalId, reason: Reason) {
         self.latest.failing[id.0] = Some(reason);
     }
 
-    /// Marks all good readings as stale after a pause of the computer. Counters and reports continue.
+    /// Marks all good readings as stale after a pause of the computer. The states of counters and reports are kept.
     pub(in crate::gateway) fn forget(&mut self) {
         self.scales.iter_mut().flatten().for_each(|scale| scale.forget());
         for reading in &mut self.latest.readings {
@@ -333,13 +338,13 @@ impl SignalTable {
         &self.latest
     }
 
-    /// Returns the last moment at which the latest reading of the signal may be used.
+    /// Returns the latest time at which the last reading of the signal may be used.
     pub(in crate::gateway) fn usable_until(&self, id: SignalId) -> Moment {
         self.taken(id).after(self.latest.rules[id.0].max_age)
     }
 
-    /// Updates all readings for `now`. A reading that is too old becomes stale. A reading whose `fault_when` is true or
-    /// unknown is rejected.
+    /// Updates the quality of all readings for the time `now`. Readings that are too old become stale. Readings of a
+    /// signal whose `fault_when` is true or unknown are rejected.
     pub(in crate::gateway) fn check(&mut self, now: Moment) -> &[Reading] {
         for place in 0..self.seen.len() {
             self.seen[place] = self.latest.assess(SignalId(place), now);
@@ -347,7 +352,7 @@ impl SignalTable {
         &self.seen
     }
 
-    /// Returns the readings of the last call of `check`.
+    /// Returns the readings as the last call of `check` has updated them.
     pub(in crate::gateway) fn seen(&self) -> &[Reading] {
         &self.seen
     }
@@ -414,7 +419,7 @@ impl SignalTable {
     }
 }
 
-/// Returns whether a value has changed faster than `rate` allows since the value before.
+/// Returns whether a value has changed faster than `rate` permits since the previous value.
 fn is_too_fast((value, at): (f64, Moment), (before, taken): (f64, Moment), rate: f64) -> bool {
     // At least one second: noise between two polls in quick succession must not look fast.
     let seconds = at.since(taken).as_secs_f64().max(1.0);
@@ -443,8 +448,8 @@ impl Latest {
         self.readings[id.0].at
     }
 
-    /// Returns all readings at `now`. A reading that is too old is stale. A reading whose `fault_when` is true or
-    /// unknown is rejected.
+    /// Returns all readings with their quality at `now`. Readings that are too old are stale. Readings of a signal
+    /// whose `fault_when` is true or unknown are rejected.
     pub(in crate::gateway) fn at(&self, now: Moment) -> Vec<Reading> {
         (0..self.readings.len()).map(|place| self.assess(SignalId(place), now)).collect()
     }
@@ -465,7 +470,7 @@ impl Latest {
         }
     }
 
-    /// Returns the condition under which the signal is bad; `None` if it has none.
+    /// Returns the condition `fault_when`, under which the signal is bad; `None` if the profile sets no condition.
     fn fault_condition(&self, id: SignalId) -> Option<&Condition> {
         let has_condition = self.rules[id.0].has_fault_condition;
         has_condition.then(|| self.profile.signal(id).fault_when.as_deref()).flatten()

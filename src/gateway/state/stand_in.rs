@@ -11,8 +11,8 @@ use isotherm_profile::Profile;
 
 use super::causes::SEE_TO_THE_SENSOR;
 
-/// Returns the cause and hint of a sensor with a stand-in: `bed frozen, replaced by a stand-in from 5 other
-/// sensors`.
+/// Returns cause and hint for a sensor that a stand-in replaces, for example
+/// `bed frozen, replaced by a stand-in from 5 other sensors`.
 pub(super) fn explained(profile: &Profile, found: &SubstitutedSensor) -> Explained {
     let is = if found.frozen { "frozen" } else { "lost" };
     let signal = &profile.signal(found.signal).name;
@@ -20,15 +20,15 @@ pub(super) fn explained(profile: &Profile, found: &SubstitutedSensor) -> Explain
     Explained::new(cause, SEE_TO_THE_SENSOR)
 }
 
-/// Frozen or lost sensor whose fault was reported and has not ended, with its reported state.
+/// Sensor whose fault (frozen or lost) was reported and has not ended, with its reported state.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct ReportedSensor {
     signal: SignalId,
-    /// Whether the sensor is replaced by a stand-in. If not, it is suspected of being frozen, and its reading is used.
+    /// Whether a stand-in replaces the sensor. If not, the sensor may be frozen, and its reading is still used.
     taken: bool,
 }
 
-/// Adds the events of each sensor: when its fault begins, when its state changes, and when the fault ends.
+/// Adds events about each sensor when its fault begins, when its state changes, and when its fault ends.
 pub(super) fn report(
     (profile, axis): (&Profile, &str),
     decision: &Decision,

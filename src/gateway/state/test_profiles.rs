@@ -15,7 +15,8 @@ const DEVICE: &str = r#"
     unit = 1
 "#;
 
-/// Signals of a read over a gap (`bed`, `spindle`), and of a read of one signal (`oil`).
+/// Signals for two read requests. One request reads `bed` and `spindle` with a gap between their registers. The other
+/// request reads `oil`.
 pub(super) const THREE_SIGNALS: &str = r#"
     [signal.bed]
     device = "module"
@@ -37,7 +38,8 @@ pub(super) const THREE_SIGNALS: &str = r#"
     max_age = "5s"
 "#;
 
-/// Parses the profile of the device `module`. `more` contains further keys of this device, then its signals and axes.
+/// Parses a profile with the device `module`. `more` contains further keys of this device, and after them signals and
+/// axes.
 pub(in crate::gateway) fn bench(more: &str) -> Profile {
     let parsed = isotherm_profile::parse(Path::new("bench.toml"), &format!("{DEVICE}{more}"), &[], &[]);
     parsed.unwrap_or_else(|errors| panic!("{errors}")).profile

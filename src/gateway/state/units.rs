@@ -1,4 +1,5 @@
-//! Conversion between the counts of an output's register, its values and Cz; step and limit of the axis in counts.
+//! Conversion between the counts of an output's register, its values and Cz (compensation value). The types also
+//! convert step and limit of the axis to counts.
 
 use isotherm_core::codec::{ControlView, Encoded, Encoding, Inadmissible};
 use isotherm_core::compensation::Decision;
@@ -6,9 +7,10 @@ use isotherm_core::output::State;
 use isotherm_core::quantity::{Counts, Micron};
 use isotherm_profile::{Output, Profile, Writes};
 
-/// Counts per step of a floating-point register. The 24 bits of a float distinguish the counts of eight thousand steps.
+/// Number of counts per step for a floating-point register. The 24 bits of a float are exact for up to eight thousand
+/// steps.
 const COUNTS_OF_A_STEP: f64 = 1000.0;
-/// Count of a register value that is not a number. No register can hold it.
+/// Count that stands for a register value that is not a number. No register can hold such a large count.
 const NO_NUMBER: Counts = Counts(i64::MAX / 4);
 
 /// Conversion between counts, register values and Cz for the register of one output.
@@ -17,14 +19,14 @@ pub(in crate::gateway) struct Units {
     encoding: Encoding,
     /// Unit of the register value, as text.
     unit: &'static str,
-    /// Register value for 1 µm.
+    /// Register value that corresponds to 1 µm.
     factor: f64,
-    /// Register value for one count of a floating-point register. `None` for an integer register, which has its own
-    /// counts.
+    /// Register value that corresponds to one count of a floating-point register. `None` for an integer register,
+    /// whose value is already in counts.
     grain: Option<f64>,
     bias: Counts,
-    /// Conversion of the register by the control. `None` if the output writes the reference position P0, which is no
-    /// correction.
+    /// Conversion of the register to a value as the control makes it. `None` if the output writes the reference
+    /// position P0, which is not a correction.
     control: Option<ControlView>,
 }
 
@@ -42,8 +44,8 @@ impl Units {
         }
     }
 
-    /// Returns step, limit and bias of an output in counts. The reference position P0 is no correction: it has no step
-    /// limit, and is written at once.
+    /// Returns step, limit and bias of an output in counts. The reference position P0 is not a correction. P0 has no
+    /// step limit, and is written at once.
     pub(in crate::gateway) fn bounds(&self, profile: &Profile, output: &Output) -> (Counts, Counts, Counts) {
         if output.writes == Writes::Reference {
             return (NO_NUMBER, NO_NUMBER, self.bias);
@@ -71,8 +73,8 @@ impl Units {
         }
     }
 
-    /// Returns the registers for these counts, if the control would read the intended value in them. `base`: operator
-    /// offset (the operator's part of the value) of a shared register. `held`: present register value.
+    /// Encodes these counts as registers, if the control would read the intended value from them. `base`: operator
+    /// offset (part of a shared register's value that the operator entered). `held`: present register value.
     pub(in crate::gateway) fn admitted(
         &self,
         counts: Counts,
@@ -100,17 +102,18 @@ impl Units {
         Micron::new(self.value(counts) / self.factor).unwrap_or_default()
     }
 
-    /// Returns the offset from the bias, in counts, that is nearest to this Cz.
+    /// Returns the offset that is nearest to this Cz, in counts from the bias.
     pub(in crate::gateway) fn offset(&self, cz: Micron) -> Counts {
         self.counts(cz.get() * self.factor)
     }
 
-    /// Returns the offset from the bias, in counts, that is nearest to this register value.
+    /// Returns the offset that is nearest to this register value, in counts from the bias.
     pub(in crate::gateway) fn counts(&self, value: f64) -> Counts {
         self.grain.map_or_else(|| self.encoding.nearest_counts(value), |grain| nearest(value / grain))
     }
 
-    /// Converts a register value to thousandths of a count. `None` if no register can hold it.
+    /// Converts a register value to thousandths of a count. `None` if the value is too large for every register, or
+    /// not a number.
     pub(in crate::gateway) fn thousandths(&self, value: f64) -> Option<i64> {
         let thousandths = value / self.worth() * 1000.0 + as_float(self.bias) * 1000.0;
         (thousandths.abs() < as_float(NO_NUMBER)).then(|| nearest(thousandths).0)
@@ -121,7 +124,7 @@ impl Units {
         nearest((difference / self.worth()).abs() * 1000.0).0
     }
 
-    /// Returns the register value for one count.
+    /// Returns the register value that corresponds to one count.
     fn worth(&self) -> f64 {
         self.grain.unwrap_or_else(|| self.encoding.scale.get())
     }
@@ -134,7 +137,8 @@ impl Units {
         }
     }
 
-    /// Returns, as text, the Cz of each write that may still arrive and that the register does not show yet.
+    /// Lists the writes that may still arrive and are not yet visible in the register. Each text is the Cz of one
+    /// write.
     pub(in crate::gateway) fn may_arrive(&self, state: &State) -> Vec<String> {
         let operator = state.kept().account.map_or(Counts::ZERO, |account| account.base - self.bias);
         let mut values: Vec<Counts> = state.may_arrive().collect();
@@ -153,8 +157,8 @@ impl Units {
     }
 }
 
-/// Returns the largest change of one write, in the unit of the output. The change is a whole number of counts, so that
-/// rounding cannot increase it.
+/// Returns the largest permitted change in one write, in the unit of the output. The change is a whole number of
+/// counts, so that rounding does not increase it.
 fn one_step(profile: &Profile, output: &Output) -> f64 {
     let most = profile.axis(output.axis).settings.guard.step.get() * cz_factor(profile, output);
     match output.encoding.data_type.integer_range() {
@@ -167,19 +171,20 @@ fn one_step(profile: &Profile, output: &Output) -> f64 {
     }
 }
 
-/// Returns the value of a decision that an output writes: Cz, or the effect of the slope at the axis's largest distance
-/// from the reference position.
+/// Returns the part of a decision that the output writes: Cz, or the effect of the slope at the axis's largest
+/// distance from the reference position.
 pub(in crate::gateway) fn part(decision: &Decision, writes: Writes) -> Micron {
     if writes == Writes::Slope { decision.slope } else { decision.cz }
 }
 
-/// Returns the target of the value that an output writes: the target of Cz, or of the effect of the slope.
+/// Returns the target of the part that the output writes: the target of Cz, or the target of the slope's effect.
 pub(in crate::gateway) fn target(decision: &Decision, writes: Writes) -> Micron {
     if writes == Writes::Slope { decision.slope_target } else { decision.target }
 }
 
-/// Returns whether `cz` equals `wanted`, to half a count of the size `grain`. The gateway never makes the sum with the
-/// operator offset `base` zero. If the sum would be zero, it writes the adjacent count, which also counts as equal.
+/// Returns whether `cz` equals `wanted`, to half a count of the size `grain`. The adjacent count also counts as equal
+/// if the sum of `wanted` and the operator offset `base` is zero. The gateway never writes such a sum of zero, but
+/// the adjacent count.
 pub(super) fn is_near(cz: Micron, wanted: Micron, grain: f64, base: f64) -> bool {
     let would_be_zero = base != 0.0 && (base + wanted.get()).abs() < 0.6 * grain;
     (cz - wanted).abs().get() <= if would_be_zero { 1.1 } else { 0.6 } * grain
@@ -196,7 +201,7 @@ pub(in crate::gateway) fn cz_factor(profile: &Profile, output: &Output) -> f64 {
     }
 }
 
-/// Formats the value of these registers of an output.
+/// Formats the value in the registers of an output as text.
 pub(in crate::gateway) fn registers_in_text(output: &Output, registers: &[u16]) -> String {
     match output.encoding.decode(registers) {
         Ok(value) => format!("{} {}", tidy(value, &output.encoding), output.writes.unit()),
@@ -204,7 +209,7 @@ pub(in crate::gateway) fn registers_in_text(output: &Output, registers: &[u16]) 
     }
 }
 
-/// Formats a value with as many digits as a count has.
+/// Formats a value with as many decimal places as one count has.
 fn tidy(value: f64, encoding: &Encoding) -> String {
     let digits = (0..6).find(|digits| encoding.scale.get().abs() * 10f64.powi(*digits) >= 0.999).unwrap_or(6);
     format!("{value:.*}", usize::try_from(digits).unwrap_or(6))

@@ -17,11 +17,11 @@ use crate::observe::requester::ANSWER_TIMEOUT;
 use crate::observe::status::{Answer, Command};
 use isotherm_core::compensation::MeasuredReport;
 
-/// Additional wait after the deadline of a command, in which an answer that the gateway has sent can still arrive.
+/// Time after the deadline of a command in which the gateway's answer may still arrive.
 const UNDER_WAY: Duration = Duration::from_millis(250);
 /// Interval between attempts to connect to a gateway whose queue of connections is full.
 const ASK_AGAIN: Duration = Duration::from_millis(50);
-/// Maximum time in which the running gateway saves its state and starts the new program.
+/// Maximum time in which the running gateway saves its state, and another program replaces it.
 const REPLACED_WITHIN: Duration = Duration::from_secs(120);
 
 /// Reason why a request to the running gateway failed.
@@ -49,7 +49,7 @@ pub enum Failure {
          read its messages (as a service: systemctl status, journalctl)"
     )]
     NewProgramEnded,
-    /// Another program replaced the gateway and has not answered within this time.
+    /// Another program replaced the gateway, and has not answered within the contained time.
     #[error("the new program took over and has not answered within {} s. Read its messages (as a service: \
              journalctl), and stop it if it hangs", .0.as_secs())]
     NewProgramSilent(Duration),
@@ -61,17 +61,18 @@ pub enum Failure {
     Ended,
 }
 
-/// Sends a command to the running gateway, for one axis, or for all if `axis` is `None`. The answer contains a
-/// sentence.
+/// Sends a command to the running gateway, for one axis, or for all axes if `axis` is `None`. Returns the answer of
+/// the gateway to the user.
 ///
 /// # Errors
+///
 /// No gateway runs at this socket, it refuses the command, or it does not answer.
 pub fn send(path: &Path, command: Command, axis: Option<&str>) -> Result<Answer, Failure> {
     Ok(ask(path, &with_axis(command.name(), axis), ANSWER_TIMEOUT)?.0)
 }
 
-/// Requests the running gateway to arm, and waits until it has armed or refused. `show` receives the conditions for
-/// which the request waits.
+/// Requests the running gateway to arm, and waits until it has armed or refused. `show` receives the conditions that
+/// are not met yet.
 ///
 /// # Errors
 /// No gateway runs at this socket, it refuses to arm, or it stops answering.
@@ -79,8 +80,8 @@ pub fn arm(path: &Path, axis: Option<&str>, show: impl FnMut(&str)) -> Result<St
     Ok(stay(ask(path, &(with_axis("arm", axis) + " stay"), ANSWER_TIMEOUT)?, show)?.0)
 }
 
-/// Waits for the final answer to a request. Returns the answer and the open connection. `show` receives the conditions
-/// for which the request waits.
+/// Waits for the final answer to a request. Returns the answer and the open connection. `show` receives the
+/// conditions that are not met yet.
 fn stay(
     (mut answer, mut lines): ReplyLines,
     mut show: impl FnMut(&str),
@@ -102,8 +103,8 @@ fn stay(
 }
 
 /// Requests the running gateway to move the Cz of an axis a little in the plus direction, and waits until the output
-/// has this Cz. `show` receives the progress. The returned text says that the gauge may be read. The second value
-/// holds the connection: when it is dropped, Cz returns.
+/// has this Cz. `show` receives the progress. The returned text says that the operator may read the gauge. The second
+/// value holds the connection: when it is dropped, the gateway moves Cz back.
 ///
 /// # Errors
 /// No gateway runs at this socket, it refuses the check, or it stops answering.
@@ -116,8 +117,8 @@ pub fn sign(
 }
 
 /// Requests the running gateway to let another program replace it, and waits until that program answers. `show`
-/// receives the progress. `within` limits the check by the new program, and also its start. Returns the state of the
-/// new gateway as JSON.
+/// receives the progress. `within` limits the time of the check by the new program, and the time until that program
+/// answers. Returns the state of the new gateway as JSON.
 ///
 /// # Errors
 /// No gateway runs at this socket, it refuses, or the new program ends or does not answer.
@@ -131,8 +132,8 @@ pub fn restart(path: &Path, within: Duration, show: impl FnMut(&str)) -> Result<
 }
 
 /// Requests the running gateway to return the former registers of an output to their base values. `seen` contains the
-/// Cz in each of these registers, µm, as it was shown to the operator. The gateway is replaced as by [`restart`], and
-/// the new program then moves the registers. Returns its state as JSON.
+/// Cz in each of these registers, µm, as it was shown to the operator. A new program replaces the gateway, as by
+/// [`restart`], and moves the registers. Returns the state of the new gateway as JSON.
 ///
 /// # Errors
 /// The restart fails, as by [`restart`]. The output has no such register, or the register cannot be returned to its
@@ -153,8 +154,8 @@ pub fn release(
 struct Process(OwnedFd);
 
 impl Process {
-    /// Returns the process at the other end of the connection. `None` if the process is not visible, for example from
-    /// outside a container.
+    /// Returns the process at the other end of the connection. `None` if this program cannot see the process, for
+    /// example because the process runs inside a container.
     fn behind(stream: &UnixStream) -> Option<Process> {
         let peer = socket_peercred(stream).ok()?;
         pidfd_open(peer.pid, PidfdFlags::empty()).ok().map(Process)
@@ -167,7 +168,7 @@ impl Process {
     }
 }
 
-/// Process of a gateway that another program replaces, and the beginning of the gateway's answer.
+/// Process of the gateway to be replaced, and the first line of the gateway's answer.
 type ReplacementReply = (Option<Process>, ReplyLines);
 
 fn begin(path: &Path, line: &str) -> Result<ReplacementReply, Failure> {
@@ -205,8 +206,8 @@ fn replaced(
     }
 }
 
-/// Reports to the running gateway that it cannot be restarted, because the new profile is wrong. If `profile` is given,
-/// only a gateway of that profile accepts the report.
+/// Reports to the running gateway that it cannot be restarted, because the new profile is wrong. If `profile` is
+/// given, a gateway accepts the report only if it runs that profile.
 ///
 /// # Errors
 /// No gateway runs at this socket, it runs another profile, or it does not answer.
@@ -252,7 +253,7 @@ fn with_axis(command: &str, axis: Option<&str>) -> String {
     axis.map_or_else(|| command.to_owned(), |axis| format!("{command} axis={axis}"))
 }
 
-/// Whether a gateway is running behind a command socket.
+/// Result of the check whether a gateway accepts connections at a command socket.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Presence {
     /// A gateway accepts connections at the command socket.
@@ -272,8 +273,8 @@ pub fn presence(path: &Path) -> Presence {
     }
 }
 
-/// Connects to a command socket. If its queue of connections is full, tries again. `until` is the end of the attempts,
-/// as time since the start of the computer.
+/// Connects to a command socket. Tries again while its queue of connections is full. `until` is the time of the last
+/// attempt, measured from the start of the computer.
 fn connect(path: &Path, until: Duration) -> Result<UnixStream, Failure> {
     let no_gateway = |error: std::io::Error| {
         if error.kind() == ErrorKind::PermissionDenied {
@@ -305,13 +306,14 @@ fn connect(path: &Path, until: Duration) -> Result<UnixStream, Failure> {
     }
 }
 
-/// Sends a line and waits for the answer, for `patience` at most. Returns the first line of the answer, and a reader
-/// for the lines after it.
+/// Sends a line of text, and waits for the answer for `patience` at most. Returns the first line of the answer, and a
+/// reader for the other lines of the answer.
 fn ask(path: &Path, line: &str, patience: Duration) -> Result<ReplyLines, Failure> {
     answered(tell(path, line, patience)?)
 }
 
-/// Connects and sends a line. Returns the connection; each line of the answer may take `patience`.
+/// Connects and sends a line of text. Returns the connection. `patience` is the maximum wait for each line of the
+/// answer.
 fn tell(path: &Path, line: &str, patience: Duration) -> Result<UnixStream, Failure> {
     let until = BootClock::default().passed() + ANSWER_TIMEOUT;
     let has_deadline = line != STATUS && !line.starts_with("trace");

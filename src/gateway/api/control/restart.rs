@@ -1,11 +1,13 @@
 //! `restart`: another program takes the place of the running gateway.
 //!
-//! `restart` → `waits …` while that program checks the profile, with `still` once a second. The check may take 60 s, or
-//! 10 s after `restart within=10`. If the check passes, the answer is `ok …`, and the connection stays open until the
-//! running program has ended. If the profile is wrong, the answer is `wrong …`. For another failure, it is `error …`.
+//! `restart` → `waits …` while the other program checks the profile, and then `still` once a second. The check may
+//! take 60 s, or 10 s after `restart within=10`. If the check passes, the answer is `ok …`, and the connection stays
+//! open until the running program has ended. If the profile is wrong, the answer is `wrong …`. For another failure,
+//! it is `error …`.
 //!
-//! `restart wrong` restarts nothing: it only records that the requester has found the profile wrong. `restart wrong
-//! PATH` does so only if PATH is the profile of this gateway, for a profile whose machine name cannot be read.
+//! `restart wrong` restarts nothing: it only records that the requester has found the profile wrong.
+//! `restart wrong PATH` records this only if PATH is the profile of this gateway. A client sends PATH if it cannot
+//! read the machine name in the profile.
 //!
 //! `release cnc_z seen=20.0`, or `release cnc_z seen=20.0,4.5 within=10`, restarts in the same way. After the restart,
 //! the gateway returns the former registers of the output to their base values. The gateway refuses this if its offsets
@@ -25,13 +27,13 @@ use crate::observe::status::{Answer, ReleaseRequest};
 
 const RESTART: &str = "restart";
 const RELEASE: &str = "release ";
-/// Beginning of the word that contains the register values as they were shown to the operator.
+/// Beginning of the words with the register values that the operator has seen.
 const SEEN: &str = " seen=";
 /// Beginning of the word that contains the maximum time for the check, in seconds.
 const WITHIN: &str = " within=";
-/// Maximum time for a check. A client cannot request a longer one.
+/// Maximum time that a client may set for the check of the profile.
 const LONGEST_CHECK: Duration = Duration::from_secs(600);
-/// Additional time for the end of a check, in which one small file is written to disk.
+/// Additional time for the end of the check, in which the gateway writes a small test file to the disk.
 const CHECK_ENDS_WITHIN: Duration = Duration::from_secs(3);
 
 /// Request to replace the running program by another one, or the report that the profile of the other program is wrong.
@@ -83,7 +85,7 @@ impl<'a> Request<'a> {
     }
 }
 
-/// Parses the maximum time for a check, in seconds. Returns `None` for an invalid number.
+/// Parses the maximum time for the check, in seconds. Returns `None` if `seconds` is not a valid number.
 fn span(seconds: &str) -> Option<Duration> {
     let span = Duration::try_from_secs_f64(seconds.parse().ok()?).ok()?;
     Some(span.min(LONGEST_CHECK))

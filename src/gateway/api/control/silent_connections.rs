@@ -1,5 +1,5 @@
-//! List of the connections that have not sent a line yet. When the limit of connections is reached, the gateway closes
-//! the one that has been silent longest. Therefore no number of silent connections keeps a command waiting.
+//! List of the connections that have not sent a line yet ("silent" connections). When the limit of connections is
+//! reached, the gateway closes the oldest silent connection. Therefore silent connections cannot block a command.
 
 use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -10,11 +10,11 @@ use tokio::sync::{OwnedSemaphorePermit, Semaphore};
 
 use crate::clock::BootClock;
 
-/// Time for each permitted connection. Multiplied by the limit of connections, it is the time that a connection may
-/// stay silent. A client sends its line directly after it has connected, and connects again if its connection was
-/// closed before. A short time closes more silent connections per second, so that a command waits less.
+/// Factor for the time that a connection may stay silent: this value times the limit of connections. A client sends
+/// its line directly after it has connected. If its connection was closed before, the client connects again. The time
+/// is short, so that silent connections delay a command only a little.
 const GRACE_OF_A_PLACE: Duration = Duration::from_micros(250);
-/// Maximum time until a closed connection has returned its permit.
+/// Maximum time after which a closed connection has returned its permit.
 const RETURNED: Duration = Duration::from_millis(10);
 
 /// List of silent connections, oldest first.
@@ -35,13 +35,13 @@ struct Entry {
 pub(super) type Closed = oneshot::Receiver<()>;
 
 impl SilentConnections {
-    /// Creates the list. `places` is the limit of connections.
+    /// Creates an empty list. `places` is the maximum number of connections.
     pub(super) fn of(places: usize) -> SilentConnections {
         let grace = GRACE_OF_A_PLACE.saturating_mul(u32::try_from(places).unwrap_or(u32::MAX));
         SilentConnections { entries: Arc::default(), grace, clock: BootClock::default() }
     }
 
-    /// Records a new connection, which is silent until the returned receiver is dropped.
+    /// Records a new connection. The connection counts as silent until the returned receiver is dropped.
     pub(super) fn enter(&self) -> Closed {
         let (close, closed) = oneshot::channel();
         let since = self.clock.passed();
@@ -49,8 +49,9 @@ impl SilentConnections {
         closed
     }
 
-    /// Returns a permit for a connection. If all are in use, closes the oldest silent connection, or waits until a
-    /// permit is free. Returns `None` if the semaphore is closed, which does not happen while connections are served.
+    /// Returns a permit for a connection. If no permit is free, closes the oldest silent connection, or waits until a
+    /// permit is free. Returns `None` if the semaphore is closed, which does not happen while the command socket is
+    /// open.
     pub(super) async fn place(&self, places: &Arc<Semaphore>) -> Option<OwnedSemaphorePermit> {
         loop {
             if let Ok(place) = places.clone().try_acquire_owned() {
@@ -63,8 +64,8 @@ impl SilentConnections {
         }
     }
 
-    /// Closes the oldest silent connection if its time is over. Returns how long to wait for a permit before the next
-    /// attempt.
+    /// Closes the oldest silent connection if it has been silent for too long. Returns how long to wait for a permit
+    /// before the next attempt.
     fn close_oldest(&self) -> Duration {
         let now = self.clock.passed();
         self.with(|entries| {

@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-/// Flag of a socket that accepts connections, in the kernel's list of sockets.
+/// Flag that marks a socket that accepts connections, in the kernel's list of sockets.
 const ACCEPTS: u32 = 0x1_0000;
 
 /// Returns the path of the command socket of a machine.
@@ -10,7 +10,7 @@ pub fn path(directory: &Path, machine: &str) -> PathBuf {
     directory.join(format!("{machine}.sock"))
 }
 
-/// Returns the paths of the command sockets on which gateways of this machine accept connections.
+/// Returns the paths of the command sockets at which gateways of the machine with this name accept connections.
 pub fn listening(machine: &str) -> Vec<PathBuf> {
     let list = std::fs::read_to_string("/proc/net/unix").unwrap_or_default();
     found(&list, machine)

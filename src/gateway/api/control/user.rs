@@ -39,8 +39,8 @@ pub fn forbidden(path: &Path) -> String {
     }
 }
 
-/// Finds the name of the user or group with this number in a list such as `/etc/passwd`. Returns `None` if it is not
-/// listed.
+/// Finds the name of the user or group with this number in a file, for example `/etc/passwd`. Returns `None` if the
+/// file does not contain the number.
 fn named(list: &str, number: u32) -> Option<String> {
     let list = safe_file::read_text(Path::new(list)).ok()?;
     found(&list, number).map(|name| one_line(name).into_owned())

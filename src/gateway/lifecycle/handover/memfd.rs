@@ -38,10 +38,10 @@ mod tests;
 const NAME: &str = "isotherm-handover";
 /// Maximum size of a document, in bytes.
 const LARGEST: u64 = 16 * 1024 * 1024;
-/// Size of the number at the end of the memfd, which contains the length of the document, in bytes.
+/// Size of the number at the end of the memfd, in bytes. The number is the length of the document.
 const TRAILER: u64 = 8;
 
-/// Identity of a process. It stays the same when one program replaces another in the process.
+/// Identity of a process. The identity stays the same when a process replaces its program by another one.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Process {
@@ -58,7 +58,7 @@ struct Process {
 struct Document<H> {
     process: Process,
     handover: H,
-    /// Length and digest of the profile's sources; `None` for a program of an older version.
+    /// Length and digest of the profile's sources; `None` if the receiving program has an older version.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     sources: Option<SourcesSeal>,
 }
@@ -84,8 +84,8 @@ pub fn digest_path(directory: &Path, machine: &str) -> PathBuf {
     directory.join(format!("{machine}.handover"))
 }
 
-/// Memory for a handover. It is sealed (protected against changes) when the handover is complete. It already contains
-/// the sources of the profile, because copying many megabytes takes time.
+/// Memory for a handover. The memory already contains the sources of the profile, because copying many megabytes
+/// takes time. It is sealed (protected against changes) when the handover is complete.
 #[derive(Debug)]
 pub struct Prepared {
     memory: File,
@@ -123,7 +123,8 @@ fn no_memory(error: io::Error) -> io::Error {
 
 impl Handover {
     /// Writes the handover to prepared memory, seals the memory against changes, and writes the digest to `path`. The
-    /// function does not wait for the disk, because the digest need not outlive the process.
+    /// function does not wait until the digest is on disk, because the digest is not needed after the end of the
+    /// process.
     ///
     /// # Errors
     /// The system cannot seal the memory, or the digest cannot be written. The error is a sentence.
@@ -151,9 +152,11 @@ impl Handover {
         Ok(memory)
     }
 
-    /// Checks that this process can hand over to another program now. The check makes a handover without axes.
+    /// Checks that this process can hand over to another program now. For this, the function makes a handover without
+    /// axes.
     ///
     /// # Errors
+    ///
     /// Those of [`Handover::seal`], or the disk does not store the digest.
     pub(in crate::gateway) fn rehearse(path: &Path) -> io::Result<()> {
         // Another name is used, because a handover may be under way.
@@ -166,8 +169,8 @@ impl Handover {
     }
 }
 
-/// Handover that this program may have received as standard input. It is not yet compared with the digest in the state
-/// directory.
+/// Handover that this program has received as standard input, if any. The digest in the state directory is not
+/// checked yet.
 #[derive(Debug)]
 pub struct Arrival {
     /// Received handover, or the reason why it is rejected. `None` after an ordinary start.
@@ -199,8 +202,8 @@ impl Arrival {
         Arrival { found: Some(found) }
     }
 
-    /// Returns the checked profile, if the handover contains one. It names the machine, and so the [path](digest_path)
-    /// of the digest.
+    /// Returns the checked profile, if the handover contains one. The machine name in the profile determines the
+    /// [path](digest_path) of the digest.
     pub fn profile(&self) -> Option<&KeptProfile> {
         self.found.as_ref()?.as_ref().ok()?.profile.as_ref()
     }
@@ -214,7 +217,8 @@ impl Arrival {
     /// Accepts the handover if its digest is at `path`, and removes the digest. Returns `None` after an ordinary start.
     ///
     /// # Errors
-    /// The digest exists but no handover was received, or the handover is rejected. The error is a clause.
+    /// The digest exists but no handover was received, or the handover is rejected. The error is a part of a
+    /// sentence.
     pub fn accept(self, path: &Path) -> Result<Option<Handover>, String> {
         let digest = take_digest(path);
         let Some(found) = self.found else {
@@ -235,7 +239,8 @@ impl Arrival {
 }
 
 impl ReceivedHandover {
-    /// Reads and checks a handover in a sealed memfd (memory that can no longer be changed). The error is a clause.
+    /// Reads and checks a handover in a sealed memfd (memory that can no longer be changed). The error is a part of a
+    /// sentence.
     fn read(memory: &File, process: &Process) -> Result<ReceivedHandover, String> {
         let size = memory::size_of_sealed(memory).map_err(refused)?;
         let (bytes, place) = document(memory, size)?;

@@ -1,10 +1,10 @@
-//! Profile of a handover: its [sources](Sources) in memory that is sealed against changes, as the check of the new
-//! program has read them.
+//! Profile of a handover: its [sources](Sources), in the state in which the new program has checked them. The memory
+//! of the sources is sealed against changes.
 //!
-//! The gateway passes an empty memfd to the check as standard output. The check writes the sources to it, if the new
-//! program can load its profile from a handover. The new program receives the same bytes when it takes over. The
-//! gateway does not interpret the sources, so only the new program must know their format. A program of an older
-//! version writes nothing, and reads its profile from disk when it takes over.
+//! The gateway starts the new program for a check, with an empty memfd as standard output. The checking program
+//! writes the sources to the memfd, if the new program can load its profile from a handover. The new program receives
+//! the same bytes when it takes over. The gateway does not interpret the sources, so only the new program must know
+//! their format. A program of an older version writes nothing, and reads its profile from disk when it takes over.
 
 use std::fs::File;
 use std::io::{self, Seek, SeekFrom, Write};
@@ -41,13 +41,13 @@ pub struct KeptProfile {
 }
 
 /// Creates empty memory for the sources of the profile that this program loads. Returns `None` if the system cannot
-/// create the memory. `restart --keep` is then not possible.
+/// create such memory. Then `restart --keep` is not possible.
 pub fn memory_for_profile() -> Option<File> {
     memory::create(OWN).ok()
 }
 
-/// Returns the file to which a check writes the sources of its profile. `None` if standard output is not the memfd of a
-/// gateway.
+/// Returns the file to which a checking program writes the sources of its profile. `None` if its standard output is
+/// not a memfd that a gateway has created.
 pub fn answer_of_check() -> Option<File> {
     if !memory::is_stream(1, ANSWER) {
         return None;
@@ -71,19 +71,20 @@ impl KeptProfile {
         Ok(KeptProfile { memory: Arc::new(memory), seal })
     }
 
-    /// Creates the memory that a check receives as standard output.
+    /// Creates the memory that a checking program receives as standard output.
     ///
     /// # Errors
+    ///
     /// The system cannot create the memory.
     pub(in crate::gateway) fn offer() -> io::Result<File> {
         memory::create(ANSWER)
     }
 
-    /// Seals `memory`, to which a check has written the sources, against changes. Returns `None` if the check has
-    /// written no sources, because its program has an older version.
+    /// Seals the `memory` to which a checking program has written the sources against changes. Returns `None` if the
+    /// memory is empty, because the checking program has an older version.
     ///
     /// # Errors
-    /// The sources are too large, or the system cannot seal them. The error is a clause.
+    /// The sources are too large, or the system cannot seal them. The error is a part of a sentence.
     pub(in crate::gateway) fn answered(memory: File) -> Result<Option<KeptProfile>, String> {
         let length = memory.metadata().map_err(|error| error.to_string())?.size();
         if length > LARGEST {
@@ -100,8 +101,8 @@ impl KeptProfile {
         KeptProfile::seal(memory).map(Some).map_err(|error| error.to_string())
     }
 
-    /// Copies the sources from the beginning of an accepted handover to separate memory, and seals that memory against
-    /// changes.
+    /// Copies the sources from an accepted handover to separate memory, and seals that memory against changes. The
+    /// sources are at the beginning of the handover.
     pub(super) fn of_handover(handover: &File, seal: SourcesSeal) -> io::Result<KeptProfile> {
         let own = memory::create(OWN)?;
         copy(handover, &seal, &own)?;
@@ -109,9 +110,10 @@ impl KeptProfile {
         Ok(KeptProfile { memory: Arc::new(own), seal })
     }
 
-    /// Returns the sources, from which the profile can be loaded.
+    /// Returns the sources. The caller can load the profile from them.
     ///
     /// # Errors
+    ///
     /// The sources have the format of another version.
     pub fn sources(&self) -> io::Result<Sources> {
         Sources::open(self.memory.try_clone()?, self.seal.length)

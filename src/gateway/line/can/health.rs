@@ -1,5 +1,5 @@
-//! Health of a CAN bus. Trouble is reported when it begins, when it gets worse and when it is over, with a count. There
-//! is no report for each frame.
+//! Health of a CAN bus: error frames, full send queues and lost frames (together called trouble). Trouble is reported
+//! when it begins, gets worse or is over, with a count of occurrences. Single frames are not reported.
 
 use std::time::Duration;
 
@@ -7,7 +7,7 @@ use crate::fieldbus::kinds::can::{ErrorFrame, ErrorSeverity};
 use isotherm_core::explained::Explained;
 use isotherm_core::quantity::Moment;
 
-/// Time without a new occurrence of a trouble after which the trouble is reported as over.
+/// Time without a new occurrence after which a trouble counts as over.
 const OVER_AFTER: Duration = Duration::from_secs(10);
 
 #[derive(Debug, Default)]
@@ -25,7 +25,7 @@ struct Episode {
     count: u64,
 }
 
-/// Error counter of a CAN interface: its total at the last read, and the present period with errors.
+/// Counter of full queues or lost frames of a CAN interface: its last total, and the present period of trouble.
 #[derive(Debug, Default)]
 struct Meter {
     read: u64,
@@ -41,7 +41,8 @@ pub(super) enum HealthChange {
 }
 
 impl Episode {
-    /// Adds `count` occurrences to the episode (period of trouble). Returns `true` if the episode begins with them.
+    /// Adds `count` occurrences to the episode (period of trouble), or begins an episode with them. Returns `true` if
+    /// the episode has just begun.
     fn add(episode: &mut Option<Episode>, count: u64, now: Moment) -> bool {
         let is_first = episode.is_none();
         let known = episode.get_or_insert(Episode { since: now, last: now, count: 0 });
@@ -82,8 +83,8 @@ impl Health {
         is_worse.then(worse).into_iter().collect()
     }
 
-    /// Counts new full queues and lost frames, and ends the periods of trouble that are over. `full` and `lost` are the
-    /// totals since the start. Returns the changes to report.
+    /// Counts new occurrences of a full send queue and of lost frames, and ends the periods of trouble that are over.
+    /// `full` and `lost` are the totals since the start. Returns the changes to report.
     pub(super) fn tick(&mut self, full: u64, lost: u64, now: Moment) -> Vec<HealthChange> {
         let mut changes = Vec::new();
         if self.full.read(full, now) {

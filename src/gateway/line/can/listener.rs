@@ -25,16 +25,16 @@ use isotherm_core::reading::Reason;
 use isotherm_profile::duration_text;
 use isotherm_profile::{BusId, DeviceId};
 
-/// Interval of checks for an interface that is missing or down. It is wall-clock time even in a simulation, because the
-/// interface is real.
+/// Interval of the checks whether a missing or stopped interface is back. The interval is wall-clock time even in a
+/// simulation, because the interface is real.
 const LOOK_AGAIN: Duration = Duration::from_millis(200);
-/// Delay after which a frame is sent again, if the queue was full.
+/// Delay before the listener tries again to send a frame for which the send queue was full.
 const SEND_AGAIN: Duration = Duration::from_millis(5);
-/// Interval of checks of the counts of full queues and lost frames.
+/// Interval at which the listener reads the counters of full send queues and lost frames.
 const MEASURE_EVERY: Duration = Duration::from_secs(1);
-/// Maximum number of frames that wait because the queue of the interface is full: one for each possible node.
+/// Maximum number of frames that wait for space in the send queue of the interface: one for each possible node.
 const MOST_UNSENT: usize = 128;
-/// Delay if nothing is due. It is longer than any other delay.
+/// Delay until the next action if no action has a time. It is longer than any other delay.
 const LONG: Duration = Duration::from_secs(3600);
 
 const DOWN: Fault = Fault::Link(LinkFault::Can(CanFault::Down));
@@ -50,17 +50,17 @@ pub(in crate::gateway) struct CanListener {
     health: Health,
     unsent: VecDeque<Frame>,
     socket: Option<(Arc<Socket>, Option<SocketGate>)>,
-    /// Whether the interface carries frames.
+    /// Whether the network interface can send and receive frames.
     is_up: bool,
     tap: Tap,
-    /// Time at which the counters of the socket (full queues, lost frames) are read next.
+    /// Time of the next read of the socket's counters (full send queues, lost frames).
     measure_at: Moment,
     stall_detector: StallDetector,
 }
 
 impl CanListener {
-    /// Creates the listener of a line, and the state that it shares with the line. Returns `None` if the line is not
-    /// CAN. Opens the interface, if it exists.
+    /// Creates the listener of a line, and the state that it shares with the line. Opens the interface, if the
+    /// interface exists. Returns `None` if the line is not a CAN line.
     pub(in crate::gateway) fn of(
         shared: &LineHandle,
         bus: BusId,
@@ -136,8 +136,8 @@ impl CanListener {
         }
     }
 
-    /// Processes all received frames and everything that is due. Returns the time at which the function must be called
-    /// again.
+    /// Processes all received frames and all actions that are due. Returns the time at which the caller must call
+    /// this function again.
     fn sample(&mut self) -> Moment {
         // A frame to be sent may be the first to find the interface down. Receiving reports nothing in that case.
         if let Some(fault) = self.can.link.fault().filter(|_| self.is_up) {
@@ -190,7 +190,8 @@ impl CanListener {
         }
     }
 
-    /// Discards all received frames. Returns the fault that the socket reported in between, if it still applies.
+    /// Discards all received frames. Returns the fault that the socket has reported meanwhile, if the interface still
+    /// has it.
     fn discard(&self) -> Option<Fault> {
         let (socket, _) = self.socket.as_ref()?;
         let mut fault = None;
@@ -206,7 +207,7 @@ impl CanListener {
         fault.filter(|fault| !self.is_outdated(*fault))
     }
 
-    /// Returns whether a socket reports a fault that is over: the interface is up again.
+    /// Returns whether the socket reports that the interface is down, although it is up again.
     fn is_outdated(&self, fault: Fault) -> bool {
         fault == DOWN && !self.can.link.is_down()
     }
@@ -243,7 +244,8 @@ impl CanListener {
         }
     }
 
-    /// Opens the interface, or detects that it is up again. Resets everything that depends on the interface.
+    /// Opens the interface, or detects that the interface is up again. In both cases, the nodes are supervised from
+    /// the beginning, and the devices are checked again.
     fn try_interface(&mut self) {
         let socket = match self.can.link.open() {
             Ok(socket) => socket,
@@ -270,8 +272,8 @@ impl CanListener {
         self.shared.wake_line(self.bus);
     }
 
-    /// Handles a failed call to the socket: the interface is down or was removed. The socket may still hold frames from
-    /// before. They are discarded, because a later read would take them for signs of life.
+    /// Handles a failed call to the socket: the interface is down or was removed. Frames that are still in the socket
+    /// are discarded, because a later read would treat these old frames as signs of life.
     fn lose_interface(&mut self, fault: Fault) {
         self.can.link.failed(fault);
         self.is_up = false;
@@ -283,8 +285,7 @@ impl CanListener {
         self.is_without(fault);
     }
 
-    /// Handles a missing interface. The loss is reported once, and becomes the cause of the bad readings of the
-    /// devices.
+    /// Handles a missing interface. Reports the loss once, and stores it as the cause of the devices' bad readings.
     fn is_without(&mut self, fault: Fault) {
         if self.can.link.socket().is_none() {
             self.socket = None;
@@ -327,7 +328,7 @@ impl CanListener {
         }
     }
 
-    /// Records that a frame of a device was received.
+    /// Records that the gateway has received a frame of a device.
     fn answers(&self, device: DeviceId) {
         let mut core = self.shared.core();
         let now = self.shared.clock.now();
@@ -392,8 +393,8 @@ impl CanListener {
         devices.breaks(device, Break::Silence, self.shared.clock.now());
     }
 
-    /// Handles the start of a node. The node is set up and checked as at the first start. After a restart, its earlier
-    /// readings are rejected and its registers are read again.
+    /// Handles the start of a node. Sets up and checks the node as at its first start. After a restart, the gateway
+    /// rejects the readings from before, and reads the registers of the node again.
     fn restart_node(&mut self, device: DeviceId, was_there: bool) {
         if was_there {
             self.condemn(device, Reason::NotAsExpected);
@@ -418,8 +419,8 @@ impl CanListener {
         }
     }
 
-    /// Stores the values of a frame in the table of signals. A node that is lost, or is not set as expected, has no
-    /// good values.
+    /// Stores the values of a frame in the table of signals. The values are not good if the node is lost or has wrong
+    /// settings.
     fn route(&mut self, frame: &Frame, now: Moment) {
         let mut core = None;
         let mut shown = None;

@@ -1,5 +1,5 @@
-//! Devices of a CAN line. The CANopen master controls the nodes. A device without a heartbeat is lost if it sends
-//! nothing for its timeout.
+//! Devices of a CAN line. The CANopen master controls the nodes. A device without a heartbeat counts as lost if it
+//! sends nothing for longer than its timeout.
 
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -13,7 +13,7 @@ use isotherm_core::codec::{Address, CanId, CanMatch, Frame};
 use isotherm_core::quantity::Moment;
 use isotherm_profile::{BusId, CanDevice, DeviceId, Profile, Sync};
 
-/// Largest number of emergency codes of one device that are recorded at a time.
+/// Maximum number of emergency codes that are recorded for one device.
 const MOST_CODES: usize = 16;
 
 #[derive(Debug)]
@@ -28,8 +28,8 @@ pub(super) struct Nodes {
     outputs: Vec<Output>,
 }
 
-/// Silence of a device without a heartbeat. The device is lost if nothing is received for the largest `max_age` of its
-/// signals.
+/// Supervision of a device without a heartbeat. The device counts as lost if it sends nothing for the largest
+/// `max_age` of its signals.
 #[derive(Debug)]
 struct Silence {
     device: DeviceId,
@@ -39,16 +39,18 @@ struct Silence {
     is_lost: bool,
 }
 
-/// Reaction to a received frame or to the passing of time.
+/// Reaction to a received frame or to an elapsed time.
 #[derive(Debug)]
 pub(super) enum Reaction {
     Send(Frame),
     Node(DeviceId, NodeEvent),
-    /// A device without a heartbeat has sent nothing for this long. The `bool` is false if it never sent anything.
+    /// A device without a heartbeat has sent nothing for the contained time. The `bool` is false if it has never sent
+    /// a frame.
     Silent(DeviceId, Duration, bool),
-    /// An emergency was received that has not been reported yet.
+    /// The device has sent an emergency message with a code that was not reported yet.
     Emergency(DeviceId, Emergency),
-    /// All reported emergencies of the device are over. The number counts its emergency messages.
+    /// All reported emergencies of the device are over. The number is the count of emergency messages that it has
+    /// sent.
     EmergencyOver(DeviceId, u64),
 }
 
@@ -82,19 +84,19 @@ impl Nodes {
         }
     }
 
-    /// Restarts the control of the nodes after the interface is up again, because they may have been reset in the
-    /// meantime.
+    /// Begins the supervision of the nodes again after the interface was down, because the nodes may have been reset
+    /// meanwhile.
     pub(super) fn restart(&mut self, now: Moment) {
         self.master = Master::new(self.settings.iter().copied(), self.sync, now);
         self.silences.iter_mut().for_each(|silence| silence.received = now);
     }
 
-    /// Returns the filters for the frames that the CANopen master evaluates, and for SDO requests and their answers.
+    /// Returns the filters for the frames that the CANopen master evaluates, and for SDO requests and responses.
     pub(super) fn wanted(&self) -> impl Iterator<Item = CanMatch> {
         self.master.identifiers().chain(self.sdo.iter().copied()).map(CanMatch::exactly)
     }
 
-    /// Returns whether the frame with this identifier is an SDO request to a node of this line, or the answer.
+    /// Returns whether the frame with this identifier is an SDO request to a node of this line, or an SDO response.
     pub(super) fn is_sdo(&self, id: CanId) -> bool {
         self.sdo.contains(&id)
     }
@@ -103,7 +105,7 @@ impl Nodes {
         self.devices.iter().map(|(device, _)| *device)
     }
 
-    /// Returns whether nothing was received from the device within its timeout.
+    /// Returns whether the device counts as lost, because it has sent nothing within its timeout.
     pub(super) fn is_lost(&self, device: DeviceId) -> bool {
         match self.devices.iter().find(|(id, _)| *id == device) {
             Some((_, Some(node))) if self.master.is_lost(*node) => true,
@@ -111,7 +113,7 @@ impl Nodes {
         }
     }
 
-    /// Returns the device that reports its own state in this frame, by a heartbeat or an emergency message. `None` for
+    /// Returns the device that has sent this frame, if the frame is a heartbeat or an emergency message. `None` for
     /// any other frame.
     pub(super) fn speaker(&self, frame: &Frame) -> Option<DeviceId> {
         let node = [HEARTBEAT, SERVICE].into_iter().find_map(|service| NodeId::sender(frame, service))?;
@@ -130,7 +132,8 @@ impl Nodes {
         self.follow()
     }
 
-    /// Processes the passing of time. `set_up` contains the devices whose setup has been written.
+    /// Handles timeouts that have elapsed until `now`. `set_up` contains the devices whose setup list has been
+    /// written.
     pub(super) fn tick(&mut self, set_up: Vec<DeviceId>, now: Moment) -> Vec<Reaction> {
         for device in set_up {
             if let Some((_, Some(node))) = self.devices.iter().find(|(id, _)| *id == device) {
@@ -196,8 +199,8 @@ impl Silence {
     }
 }
 
-/// Returns the condition on which the master starts a device. A device with a setup list or checks is started after
-/// them.
+/// Returns the condition under which the master starts a device. A device with a setup list or with checks is started
+/// after these.
 fn start(can: &CanDevice, is_unchecked: bool) -> Start {
     match can.start {
         false => Start::Never,

@@ -1,4 +1,4 @@
-//! Routes: assignment of received CAN frames to the signals that the frames contain.
+//! Routes: table of the signals in each CAN frame that the gateway receives.
 
 use std::collections::HashMap;
 
@@ -6,7 +6,7 @@ use isotherm_core::codec::{Address, CanId, CanMatch, Field};
 use isotherm_core::reading::SignalId;
 use isotherm_profile::{BusId, DeviceId, Profile, Writes};
 
-/// Routes by CAN identifier. Routes that match several identifiers are in the list `wide`.
+/// Routes by CAN identifier. The list `wide` contains the routes that match several identifiers.
 #[derive(Debug, Default)]
 pub(super) struct Routes {
     exact: HashMap<CanId, Vec<Route>>,
@@ -18,7 +18,7 @@ pub(super) struct Route {
     pub(super) device: DeviceId,
     pub(super) signal: SignalId,
     pub(super) field: Field,
-    /// Lines to wake as soon as the signal has been received.
+    /// Bus lines whose tasks must be woken when the signal has been received.
     pub(super) wakes: Vec<BusId>,
 }
 
@@ -71,8 +71,8 @@ impl Routes {
     }
 }
 
-/// Returns the lines to wake for a signal: the line that corrects this position, and all lines if a probing cycle needs
-/// the signal.
+/// Returns the bus lines to wake when a signal was received: the line of the output that corrects this position
+/// signal, or all lines if a probing cycle needs the signal.
 fn wakes(profile: &Profile, id: SignalId) -> Vec<BusId> {
     let is_corrected = |writes| matches!(writes, Writes::Corrected { position } if position == id);
     let outputs = profile.outputs.iter().filter(|output| is_corrected(output.writes));

@@ -1,4 +1,5 @@
-//! Heartbeat in a separate register or node: a count by which the control detects whether the gateway runs.
+//! Heartbeat in a separate register or node. The heartbeat is a count that the gateway increases, so that the control
+//! can detect whether the gateway runs.
 
 use crate::fieldbus::error::Fault;
 use crate::fieldbus::explain::explain_on;
@@ -17,9 +18,10 @@ use isotherm_core::output::HeartbeatController;
 use isotherm_core::quantity::Moment;
 use isotherm_profile::{BusId, Heartbeat, Profile};
 
-/// Number of consecutive failures with a new cause, after which that cause is reported.
+/// Number of consecutive failures with another cause than the reported one, after which the new cause is reported.
 const CHANGED_AFTER: u32 = 20;
-/// Number of consecutive unanswered heartbeats after which they are reported, if the device answers all other requests.
+/// Number of consecutive unanswered heartbeats after which the failure is reported, if the device answers all other
+/// requests.
 const DEAF: u32 = 3;
 
 pub(super) struct HeartbeatTask {
@@ -28,7 +30,7 @@ pub(super) struct HeartbeatTask {
     controller: HeartbeatController,
     /// Number of consecutive heartbeats that could not be written.
     missed: u32,
-    /// Fault that was reported last. `None` if there was none, or if its end was reported too.
+    /// Fault that was reported last. `None` if no fault was reported, or if the end of the fault was reported, too.
     reported: Option<Cause<Fault>>,
 }
 
@@ -70,8 +72,8 @@ impl HeartbeatTask {
         }
     }
 
-    /// Reports a heartbeat that the device refuses, or does not answer although it answers other requests. Every
-    /// failure is counted for the device. The loss of the device is reported elsewhere.
+    /// Reports that the device refuses the heartbeat, or does not answer it although the device answers other
+    /// requests. Every failed heartbeat is counted for the device. Other code reports the loss of the device.
     fn report(&mut self, shared: &LineHandle, sent: Option<Fault>) {
         let Some(fault) = sent.filter(|fault| !fault.has_lapsed()) else {
             if sent.is_none() {

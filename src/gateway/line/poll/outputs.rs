@@ -1,4 +1,5 @@
-//! Outputs of one line, and the times at which they are due.
+//! Outputs of one bus line, and the times at which they are due. A turn of an output is the work of the line task on
+//! it.
 
 use std::collections::BTreeSet;
 use std::time::Duration;
@@ -8,20 +9,21 @@ use crate::gateway::shared::line_handle::LineHandle;
 use isotherm_core::quantity::Moment;
 use isotherm_profile::{BusId, DeviceId, OutputId, SetId};
 
-/// Shortest time between two turns of an output (a turn is the work of the line task on the output). An output whose
-/// device backs off must not keep the line busy.
+/// Minimum time between two turns of an output (work of the line task on it). Without this time, an output of a
+/// device that backs off would keep the line busy.
 const SOON: Duration = Duration::from_millis(100);
 
 /// Work of a line task on one output, or on an output set (outputs that are written together).
 pub(super) struct OutputTask {
-    /// Time at which the line task next works on the output. If the output already waits for that, the time since which
-    /// it waits.
+    /// Time at which the line task works on the output again. If this time is in the past, the output has waited
+    /// since then.
     pub(super) due: Moment,
-    /// Time since which the output waits, if the line task came too late for the last decision. The output has priority
-    /// once there is another decision.
+    /// Time at which the output was due, if the line task came too late to send the last decision. The next decision
+    /// then has priority, because the output counts as due since this time.
     waits_since: Option<Moment>,
     work: Work,
-    /// Device whose position the output corrects. Such an output has priority over everything that can wait.
+    /// Device with the position that the output corrects. Such an output has priority over reads, checks and other
+    /// outputs.
     pub(super) corrects: Option<DeviceId>,
 }
 

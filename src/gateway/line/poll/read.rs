@@ -17,7 +17,8 @@ use isotherm_core::reading::Reason;
 use isotherm_profile::plan::ReadRequest;
 use isotherm_profile::{BusId, Capture, Device, DeviceId, Profile, Signal};
 
-/// Largest number of repeated requests in a round. A single lost answer does not show that the device is lost.
+/// Maximum number of repeated requests in one round of reads. A repetition is necessary, because a single lost answer
+/// does not show that the device is lost.
 const REPEATS: u32 = 3;
 
 /// Reads of one device: the requests, and the times at which they are due.
@@ -26,17 +27,18 @@ pub(super) struct Poll {
     pub(super) every: Duration,
     /// Time at which the next round of requests begins.
     next: Moment,
-    /// Round that has begun: the time at which it was due, and the index of its next request. `None` between rounds.
+    /// Round that has begun: the time at which the round was due, and the index of its next request. `None` between
+    /// two rounds.
     under_way: Option<(Moment, usize)>,
-    /// Time at which an unanswered request is repeated; `None` if there is none. `repeats`: number of repetitions in
-    /// this round.
+    /// Time at which the task repeats an unanswered request; `None` if no request must be repeated. `repeats`: number
+    /// of repetitions in this round.
     again: Option<Moment>,
     repeats: u32,
     /// Whether an output corrects a position that is read from this device.
     pub(super) reads_position: bool,
     /// Whether a round of reads of this device was completed, successfully or not.
     pub(super) has_been_read: bool,
-    /// Whether an answer was discarded because the device had not passed its checks.
+    /// Whether an answer was discarded because the device had not passed its checks at that time.
     is_discarded: bool,
     /// Start of the last round of reads. `max_age`: shortest `max_age` of the readings in the round.
     read_at: Moment,
@@ -45,7 +47,8 @@ pub(super) struct Poll {
     requests: Vec<ReadRequest>,
 }
 
-/// Creates the reads of a line. The reads of corrected positions come last, so that the correction follows directly.
+/// Creates the reads of all devices on a line. The devices with corrected positions come last, so that the outputs
+/// can write the corrected positions directly after the reads.
 pub(super) fn polls(
     profile: &Profile,
     bus: BusId,
@@ -78,13 +81,13 @@ impl Poll {
         self.requests.len()
     }
 
-    /// Returns the time at which the device is due: an unanswered request is repeated, the present round was due, or
-    /// the next round begins.
+    /// Returns the time at which the next request of the device is due: the repetition of an unanswered request, the
+    /// present round, or the next round.
     pub(super) fn due(&self) -> Moment {
         self.again.or(self.under_way.map(|(due, _)| due)).unwrap_or(self.next)
     }
 
-    /// Returns whether the device was due at `by` and has not been read since.
+    /// Returns whether the device was due at `by`, but has not been read completely since then.
     pub(super) fn is_outstanding(&self, by: Moment) -> bool {
         let has_been_read = self.has_been_read && self.under_way.is_none() && self.read_at >= by;
         self.due() <= by && !has_been_read
@@ -94,12 +97,13 @@ impl Poll {
         self.under_way.is_some()
     }
 
-    /// Returns whether the readings have reached half of their `max_age`.
+    /// Returns whether the age of the readings has reached half of their `max_age`.
     pub(super) fn grows_stale(&self, now: Moment) -> bool {
         now.since(self.read_at) >= self.max_age / 2
     }
 
-    /// Returns the next request if it is due at `by`, is no repetition, and no capture command precedes it.
+    /// Returns the next request if it is due at `by`. `None` if the request is a repetition, or if a capture command
+    /// must be sent first.
     pub(super) fn asks_next(&self, by: Moment) -> Option<(DeviceId, Request<'static>)> {
         let place = self.under_way.map_or(0, |(_, place)| place);
         let is_plain = self.again.is_none() && (place > 0 || self.captures.is_empty());
@@ -107,12 +111,13 @@ impl Poll {
         Some((self.device, Request::in_registers(&request.asks)?))
     }
 
-    /// Makes the device due at once, from its first request on.
+    /// Makes a new round of reads of the device due at once.
     pub(super) fn restart(&mut self, now: Moment) {
         (self.next, self.under_way, self.again) = (now, None, None);
     }
 
-    /// Makes the device due at once if an answer was discarded and the checks have passed since.
+    /// Makes a new round of reads due at once, if an answer was discarded and the device has passed its checks since
+    /// then.
     pub(super) fn make_up(&mut self, shared: &LineHandle, now: Moment) {
         if self.is_discarded && shared.core().devices.is_confirmed(self.device) {
             self.is_discarded = false;
@@ -120,8 +125,8 @@ impl Poll {
         }
     }
 
-    /// Executes one request and stores the values of its answer. Capture commands precede the first request. Returns
-    /// true if it was the last request of its round.
+    /// Executes one request, and stores the values of its answer. Sends capture commands before the first request of
+    /// a round. Returns true if the round is complete.
     pub(super) async fn read(
         &mut self,
         line: &mut DeviceLine,
@@ -217,15 +222,16 @@ impl Poll {
     }
 }
 
-/// Returns the power of ten in the register of a signal's scale.
+/// Returns the scale exponent (power of ten) of a signal from its scale register.
 fn exponent_of(signal: &Signal, encoded: &Encoded) -> Result<i8, Reason> {
     signal.scale_from.as_ref().ok_or(Reason::NoScale)?.exponent(encoded.registers())
 }
 
-/// Capture commands of one device, without repetitions. For each: the time at which it was last sent, or the reason why
-/// it could not be sent. `None` before the first attempt.
+/// Capture commands of one device, each contained once. The second value is the time at which the command was last
+/// sent, or the reason why it could not be sent. This value is `None` before the first attempt.
 ///
-/// The commands are part of reading. Therefore they are also sent in a dry run, and before anything is armed.
+/// The commands are part of the reading. Therefore the gateway also sends them in a dry run, and before an axis is
+/// armed.
 #[derive(Debug)]
 struct Captures(Vec<(Capture, Option<Result<Moment, Fault>>)>);
 
@@ -244,7 +250,7 @@ impl Captures {
         self.0.is_empty()
     }
 
-    /// Sends all capture commands, and records the time or the fault of each.
+    /// Sends all capture commands, and records for each command the time or the fault.
     async fn send(&mut self, line: &mut DeviceLine, shared: &LineHandle, device: DeviceId) {
         for (capture, sent) in &mut self.0 {
             let (at, value) = (capture.address.offset, [capture.value]);

@@ -1,9 +1,9 @@
-//! Age of a reading with a source timestamp of a server.
+//! Age of a reading, from the source timestamp that an OPC UA server sends with a value.
 //!
-//! The timestamp is compared with the server's own time in the same answer. Therefore the difference between either
-//! clock and the clock of this computer does not matter. A timestamp makes a reading older, never younger than its
-//! request. If it is one hour behind, the reading is one hour old, whether the value or the source clock is late. If it
-//! is ahead, a clock is wrong, and the age of the value is unknown.
+//! The timestamp is compared with the server's own time in the same answer. Therefore the clock of the server need
+//! not agree with the clock of this computer. A timestamp can only make a reading older than its request, never
+//! younger. A timestamp that is one hour old makes the reading one hour old, even if only the source clock is slow. A
+//! timestamp in the future shows that a clock is wrong, and the age of the value is then unknown.
 
 use std::time::Duration;
 
@@ -12,9 +12,11 @@ use isotherm_core::quantity::Moment;
 use isotherm_core::reading::Reason;
 use isotherm_profile::SourceTime;
 
-/// Returns the value, the time of its sample, and the time between the sample and the answer; `None` if the timestamp
-/// is not used. `source_time`: meaning of the source timestamps of the device (time of the sample, or of the last
-/// change); `None` if they are not used. `asked`: time of the request.
+/// Returns the value, the time of its sample, and the time between the sample and the answer. The last time is `None`
+/// if the timestamp is not used.
+///
+/// `source_time`: meaning of the device's source timestamps (time of the sample, or of the last change); `None` if
+/// they are not used. `asked`: time of the request.
 pub(super) fn accepted(
     source_time: Option<SourceTime>,
     stamped: Stamped,

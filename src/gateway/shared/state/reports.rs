@@ -1,5 +1,5 @@
-//! Events of one step of the axes: results of probing, signals that were lost or are valid again, and states of the
-//! axes.
+//! Events of one step of the axes: results of probing, signals that are lost or valid again, and changed states of
+//! the axes.
 
 use std::time::Duration;
 
@@ -13,7 +13,8 @@ use isotherm_core::reading::SignalId;
 use isotherm_profile::Profile;
 
 impl GatewayState {
-    /// Reports the results of probing that the axes have processed in this step. Returns whether there was a result.
+    /// Reports the probing results that the axes have processed in this step. Returns whether an axis has processed
+    /// one.
     pub(super) fn report_probings(&mut self, profile: &Profile, now: Moment) -> bool {
         let mut any = false;
         for (place, axis) in profile.axes.iter().enumerate() {
@@ -44,7 +45,7 @@ impl GatewayState {
         any
     }
 
-    /// Reports the changes of the signals once in each period, if the profile has no axis. Decides nothing.
+    /// Reports the changes of the signals once in each period `every`, if the profile has no axis.
     pub(super) fn report_without_axes(&mut self, profile: &Profile, every: Duration, now: Moment) {
         // If time has gone back, the report is due.
         let is_due = self.next_due.is_none_or(|due| now >= due) || now < self.stepped_at;
