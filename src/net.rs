@@ -1,4 +1,4 @@
-//! Connections to servers: name lookup, TCP to the addresses of a name, and TLS. The calling module adds advice to a
+//! Connections to servers: resolution of host names, TCP connections, and TLS. The calling module adds advice to a
 //! failure.
 
 use std::io;
@@ -19,10 +19,11 @@ use tokio_rustls::rustls::pki_types::ServerName;
 
 use crate::tls::TlsFault;
 
-/// Time limit for connecting to each address of a host name. The last address has no limit except that of the caller.
+/// Maximum time for connecting to each address of a host name except the last. For the last address, only the time
+/// limit of the caller applies.
 const EACH: Duration = Duration::from_secs(3);
 
-/// Reason why there is no connection.
+/// Reason why a connection could not be opened.
 #[derive(Debug, thiserror::Error)]
 pub enum ConnectError {
     /// The host name has no address.
@@ -39,15 +40,15 @@ pub enum ConnectError {
     Tls(TlsFault),
 }
 
-/// Returns whether an error means that this program, or this computer, has too many open files.
+/// Returns whether an error means that too many files are open in this program or on this computer.
 pub(crate) fn is_out_of_files(error: &io::Error) -> bool {
     matches!(Errno::from_io_error(error), Some(Errno::MFILE | Errno::NFILE))
 }
 
-/// Connects to the first of the addresses that accepts a connection.
+/// Connects to the first address of a host that accepts a connection.
 ///
 /// # Errors
-/// The reason why no address accepts.
+/// The reason why none of the addresses has accepted a connection.
 pub async fn connect(to: impl ToSocketAddrs) -> Result<TcpStream, ConnectError> {
     let found: Vec<SocketAddr> = lookup_host(to).await.map_err(unresolved)?.collect();
     let (last, others) = found.split_last().ok_or(ConnectError::Unresolved)?;
@@ -59,8 +60,8 @@ pub async fn connect(to: impl ToSocketAddrs) -> Result<TcpStream, ConnectError> 
     TcpStream::connect(last).await.map_err(ConnectError::Unreachable)
 }
 
-/// Returns the reason why the lookup of a host name failed. The cause may be too many open files, because a lookup
-/// opens files too.
+/// Returns the reason why a host name could not be resolved. A possible reason is too many open files, because the
+/// resolution opens files, too.
 fn unresolved(error: io::Error) -> ConnectError {
     if is_out_of_files(&error) { ConnectError::Unreachable(error) } else { ConnectError::Unresolved }
 }
@@ -87,23 +88,24 @@ pub trait Stream: AsyncRead + AsyncWrite + Send + Sync + Unpin {}
 
 impl<T: AsyncRead + AsyncWrite + Send + Sync + Unpin> Stream for T {}
 
-/// Server that is reached by a host name or an address.
+/// Server with a host name or an IP address.
 pub struct Host {
     name: String,
     port: u16,
-    /// TLS settings; `None`: connections without TLS.
+    /// TLS settings. With `None`, connections do not use TLS.
     trust: Option<Arc<ClientConfig>>,
-    /// Name lookup in progress; `None` if there is none. A second lookup is never started before the first one ends.
+    /// Running resolution of the host name; `None` if no resolution is running. Two resolutions never run at the same
+    /// time.
     lookup: Mutex<Option<JoinHandle<io::Result<Vec<SocketAddr>>>>>,
 }
 
 impl Host {
-    /// Returns the host with this name or address. An IPv6 address is written without brackets.
+    /// Creates a server with this host name or IP address. An IPv6 address must not have brackets.
     pub fn new(name: &str, port: u16, trust: Option<Arc<ClientConfig>>) -> Host {
         Host { name: name.to_owned(), port, trust, lookup: Mutex::default() }
     }
 
-    /// Opens a connection, including the TLS handshake. There is no time limit.
+    /// Opens a connection, including the TLS handshake. The function has no time limit of its own.
     ///
     /// # Errors
     /// The reason why no connection was opened.

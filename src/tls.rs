@@ -1,5 +1,5 @@
-//! Causes of a failed TLS handshake: which end rejects what. The calling module adds the remedy, because it depends on
-//! the keys of the profile.
+//! Causes of a failed TLS connection: which end rejects the connection, and why. The calling module adds the remedy,
+//! because the remedy depends on the keys of the profile.
 
 use std::io::{self, ErrorKind};
 
@@ -49,15 +49,15 @@ pub enum TlsFault {
     /// The other end ended the handshake for another reason.
     #[error("the other end has ended the TLS handshake")]
     Refused,
-    /// The TLS files that the profile names for the gateway are unusable.
+    /// The gateway's own TLS files, whose paths are in the profile, are unusable.
     #[error("the files in `tls` cannot be used")]
     OurFiles,
 }
 
 impl TlsFault {
-    /// Returns the cause of the failed TLS connection; `None` if the error is not from TLS. With TLS 1.3, the other end
-    /// checks the gateway's certificate only after the handshake. The gateway then receives a TLS alert instead of the
-    /// first answer.
+    /// Returns the cause of the failed TLS connection; `None` if the error is not from TLS. With TLS 1.3, the other
+    /// end may check the gateway's certificate only after the handshake. The gateway then receives a TLS alert
+    /// instead of the first answer.
     pub fn of(error: &io::Error) -> Option<TlsFault> {
         Some(match error.get_ref()?.downcast_ref::<Error>()? {
             Error::InvalidCertificate(why) => match why {
@@ -96,8 +96,8 @@ impl TlsFault {
         })
     }
 
-    /// Returns the cause of an error during the handshake. A connection that ends without a TLS alert has a cause too
-    /// ([`TlsFault::Silent`]).
+    /// Returns the cause of an error during the handshake; `None` if the error is not from TLS. If the connection
+    /// ends without a TLS alert, the cause is [`TlsFault::Silent`].
     pub fn in_handshake(error: &io::Error) -> Option<TlsFault> {
         let is_end = matches!(
             error.kind(),
@@ -106,7 +106,7 @@ impl TlsFault {
         TlsFault::of(error).or(is_end.then_some(TlsFault::Silent))
     }
 
-    /// Returns the cause with its remedy, as text for users.
+    /// Returns the cause with its remedy as a text for users.
     pub fn advised(self, remedy: Option<&str>) -> String {
         remedy.map_or(self.to_string(), |remedy| format!("{self}: {remedy}"))
     }

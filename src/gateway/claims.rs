@@ -95,7 +95,6 @@ impl Claim {
 /// the reason if another gateway could not be checked.
 ///
 /// # Errors
-///
 /// Another gateway of this computer writes to one of the registers. The error is a message for the operator.
 pub fn claim(profile: &Profile, directory: &Path) -> Result<Option<String>, String> {
     let claim = Claim::of(profile, directory);

@@ -1,5 +1,5 @@
-//! Data on disk: the document with saved state and register ledger, the logs, and the registers and addresses of
-//! outputs and signals.
+//! Data on disk: the state document (saved state and register ledger), the logs, and the saved registers and
+//! addresses of outputs and signals.
 
 pub mod backup;
 pub mod candidates;

@@ -397,7 +397,8 @@ impl Inspection {
 /// Reads the register of one check. Returns the difference from the expected value; `None` if the values are equal. A
 /// missing register is a difference, too.
 ///
-/// # Errors The device did not answer, or refused the request for another reason.
+/// # Errors
+/// The device did not answer, or refused the request for another reason.
 async fn read(
     line: &mut DeviceLine,
     device: DeviceId,
@@ -417,7 +418,8 @@ async fn read(
 /// Writes the setup list of a CANopen node, in the order of the list. A dry run writes nothing, and only compares the
 /// values. Returns the differences that remain. The list is empty if the node is set up.
 ///
-/// # Errors The node does not answer.
+/// # Errors
+/// The node does not answer.
 async fn set_up(
     line: &mut DeviceLine,
     shared: &LineHandle,

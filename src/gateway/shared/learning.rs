@@ -44,7 +44,8 @@ impl GatewayState {
 
     /// Adopts the candidate of an axis, because an operator has confirmed it. Returns a sentence for the operator.
     ///
-    /// # Errors Returns why the candidate is not adopted.
+    /// # Errors
+    /// Returns why the candidate is not adopted.
     pub(in crate::gateway) fn adopt(&mut self, axis: usize) -> Result<String, Explained> {
         let profile = self.given.profile.clone();
         let preference = self.compensation.preference(axis).ok_or_else(|| not_learning(&profile, axis))?;
@@ -55,7 +56,8 @@ impl GatewayState {
     /// Returns to the model that the axis used before, or withdraws a change of the model that is not carried out
     /// yet. Returns a sentence for the operator.
     ///
-    /// # Errors Returns why the axis has no previous model.
+    /// # Errors
+    /// Returns why the axis has no previous model.
     pub(in crate::gateway) fn adopt_back(&mut self, axis: usize) -> Result<String, Explained> {
         let profile = self.given.profile.clone();
         let preference = self.compensation.preference(axis).ok_or_else(|| not_learning(&profile, axis))?;

@@ -1,9 +1,9 @@
 //! Backup of the state of a machine: the state document is copied while the gateway runs, and can be restored to a
-//! state directory. [`products`] copies what was learned.
+//! state directory. The module [`products`] copies the files of learning.
 //!
-//! The values that the gateway wrote after the backup are not known. The restored state is therefore in question: every
-//! axis is off until an operator arms it. Until then, no part of a shared register's value counts as added by the
-//! gateway.
+//! A backup does not contain the values that the gateway wrote after the backup. Therefore a restored state is "in
+//! question": every axis is off until an operator arms it. Until then, the whole value of a shared register counts as
+//! the operator offset.
 
 use std::collections::BTreeMap;
 use std::io::ErrorKind;
@@ -35,11 +35,12 @@ pub fn is_in(directory: &Path, machine: &str) -> bool {
     path(directory, machine).exists()
 }
 
-/// Converts the files of a backup to the files to be written to a state directory. The state in them is marked as in
-/// question.
+/// Converts the files of a backup to the files that are written to a state directory. The state in them is marked as
+/// in question.
 ///
 /// # Errors
-/// A file is no state document of this machine, or the directory has a newer one. The error is a sentence.
+/// A file is not a state document of this machine, or the directory contains a newer document. The error is a
+/// sentence.
 pub fn put_back(
     directory: &Path,
     machine: &str,
@@ -97,9 +98,9 @@ fn one_put_back(
     Ok((name.to_owned(), document))
 }
 
-/// Makes a document in which no part of a shared register's value counts as added by the gateway, until the operator
-/// confirms it. Registers that are not shared are treated as after a kill. The records of former registers are removed,
-/// because another program may use these registers now.
+/// Creates a document in which the whole value of a shared register counts as the operator offset, until the operator
+/// confirms the value. Registers that are not shared are treated as after a kill. The records of former registers are
+/// removed, because another program may use these registers now.
 fn doubted(seal: &Seal, content: Content) -> std::io::Result<Vec<u8>> {
     let Content { mut state, mut outputs } = content.not_in_order();
     let places = state.as_mut().and_then(|state| state.get_mut("places")).and_then(Value::as_object_mut);

@@ -5,8 +5,8 @@
 //! NAME.products/z.candidate.json  { "format": "isotherm-candidate", "version": 1, "sha256": "…", "offer": {…} }
 //! ```
 //!
-//! The gateway reads the file and writes nothing. A file that is damaged or was changed is rejected, so that the axis has
-//! no candidate. An adopted model is a part of the saved state, and does not depend on this file.
+//! The gateway reads the file and writes nothing. The gateway rejects a file that is damaged or was changed; the axis
+//! then has no candidate. An adopted model does not depend on this file, because it is part of the saved state.
 
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
@@ -26,12 +26,12 @@ const VERSION: u64 = 1;
 struct File {
     format: String,
     version: u64,
-    /// SHA-256 of `offer` as JSON without spaces.
+    /// SHA-256 of the field `offer`, as JSON without spaces.
     sha256: String,
     offer: Offer,
 }
 
-/// Returns the directory with the products of the runs of a machine.
+/// Returns the directory with the products (results) of the runs of a machine.
 pub fn products(directory: &Path, machine: &str) -> PathBuf {
     directory.join(format!("{machine}.products"))
 }
@@ -45,10 +45,10 @@ fn seal(offer: &Offer) -> Result<String, String> {
     serde_json::to_vec(offer).map(|bytes| sha256(&bytes)).map_err(|why| why.to_string())
 }
 
-/// Reads the candidate of an axis. Returns `None` if there is none.
+/// Reads the candidate of an axis. Returns `None` if the file does not exist.
 ///
 /// # Errors
-/// The file cannot be read, is damaged, or is of another axis. The error is a sentence.
+/// The file cannot be read, is damaged, or belongs to another axis. The error is a sentence.
 pub fn read(
     disk: &dyn Disk,
     (directory, machine): (&Path, &str),

@@ -1,22 +1,22 @@
-//! Default limits of temperatures, as the last run applied them. A new limit is reported once, for example after an
-//! upgrade of isotherm or a change of the profile.
+//! Default limits of temperature signals in the last run. A default limit that applies for the first time is reported
+//! once, for example after an upgrade of isotherm or a change of the profile.
 
 use std::collections::BTreeMap;
 
 use crate::observe::events::Event;
 use isotherm_profile::{DefaultLimits, Profile, Unit};
 
-/// Default limits by signal name, for the signals that have default limits.
+/// Default limits of the signals to which such limits apply, by signal name.
 pub(in crate::gateway) type KnownLimits = BTreeMap<String, DefaultLimits>;
 
-/// Returns the default limits of this profile, which the state contains for the next run.
+/// Returns the default limits that apply with this profile. The gateway saves them for the next run.
 pub(in crate::gateway) fn of(profile: &Profile) -> KnownLimits {
     let with_limits = profile.signals.iter().filter(|signal| !signal.defaults.is_empty());
     with_limits.map(|signal| (signal.name.clone(), signal.defaults)).collect()
 }
 
-/// Returns the events about limits that the last run did not apply: one event for all signals with the same limits.
-/// `known` contains the limits of the last run.
+/// Returns events about default limits that did not apply in the last run. All signals with the same limits share one
+/// event. `known` contains the limits of the last run.
 pub(in crate::gateway) fn new_since(known: &KnownLimits, profile: &Profile) -> Vec<Event> {
     let mut groups: Vec<((Unit, DefaultLimits), Vec<String>)> = Vec::new();
     for signal in &profile.signals {

@@ -1,8 +1,7 @@
-//! File system for documents that must survive the process, and the creation of files. Simulations and tests replace
-//! the file system.
+//! File system for documents that must survive the process. Simulations and tests replace the file system.
 //!
-//! Directories have the permissions 0750 and files 0640, independently of the umask, because their content can move a
-//! machine.
+//! Directories have the permissions 0750 and files 0640, independently of the umask. Other users may not write them,
+//! because their content can move a machine.
 
 use std::fmt;
 use std::fs::{DirBuilder, File, OpenOptions, Permissions};
@@ -17,7 +16,7 @@ use isotherm_profile::safe_file;
 const LARGEST: u64 = 16 * 1024 * 1024;
 const DIRECTORY_MODE: u32 = 0o750;
 const FILE_MODE: u32 = 0o640;
-/// Permission bit by which other users, neither the owner nor in the group, may write.
+/// Permission bit for writing by users who are neither the owner nor in the group of a file.
 const OTHERS_WRITE: u32 = 0o002;
 
 /// File system for documents. Tests replace it by a file system that fails.
@@ -28,13 +27,14 @@ pub trait Disk: Send + Sync {
     /// The document does not exist, or it cannot be read.
     fn read(&self, path: &Path) -> io::Result<Vec<u8>>;
 
-    /// Replaces a document as a whole. The document is on disk when this returns.
+    /// Replaces a document as a whole. The document is on disk when the function returns.
     ///
     /// # Errors
-    /// The document is not on disk; the previous one still is.
+    /// The new document could not be stored. The previous document is still on disk.
     fn replace(&self, path: &Path, document: &[u8]) -> io::Result<()>;
 
-    /// Gives a document a second name. The document remains under this name when the first name is replaced.
+    /// Gives a document a second name (hard link). When the first name is replaced, the document still exists under
+    /// the second name.
     ///
     /// # Errors
     /// The document does not exist, the second name is in use, or there is no space.
@@ -59,7 +59,7 @@ impl fmt::Debug for dyn Disk {
     }
 }
 
-/// File system of this computer. Simulations and tests may replace it.
+/// File system of this computer.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Files;
 
@@ -136,7 +136,7 @@ pub(in crate::gateway) fn create(path: &Path) -> io::Result<File> {
     Ok(file)
 }
 
-/// Opens a file for appending. Creates it if it is missing.
+/// Opens a file for appending. Creates the file if it is missing.
 ///
 /// # Errors
 /// The file cannot be created, or the path is not a regular file.
@@ -153,7 +153,7 @@ pub(super) fn append(path: &Path) -> io::Result<File> {
 /// Checks that other users may not write to a file or directory. A file that does not exist passes.
 ///
 /// # Errors
-/// Every user may write to it. The error is a sentence with the remedy.
+/// Every user may write to the file or directory. The error is a sentence with the remedy.
 pub(super) fn refuse_what_others_may_write(path: &Path) -> Result<(), String> {
     match std::fs::metadata(path) {
         // Paths of other kinds are never opened.

@@ -1,25 +1,27 @@
-//! Data that a gateway saves for its next start: a document, and a number in a second file. One writer saves both.
+//! Data that a gateway saves for its next start: a document, and the save number of the document in a second file.
+//! One writer saves both files.
 //!
 //! ```text
 //! NAME.state.json  { "version": 6, "seal": {…, "number": 17, "named": 16}, "state": {…}, "outputs": {…} }
 //! NAME.number      17 1795823557453364912 1c291ca3
 //! ```
 //!
-//! `state` contains the time since machine start, references and lags, by name of signal and axis. It also contains the
-//! addresses of signals and the registers of outputs (both are called places), the bounds of the outputs, and the
+//! `state` contains the time since machine start, references and lags, by name of signal and axis. It also contains
+//! the addresses of signals and the registers of outputs (both are called places), the bounds of the outputs, and the
 //! releases of former registers. `outputs` contains the values that may still arrive at a register, and the two parts
-//! of each shared register's value: operator offset and gateway share. Layout 5 has no places. The seal of the document
-//! shows whether the file is complete and how old it is. It has these fields:
+//! of each shared register's value: operator offset and gateway share. Layout 5 has no places. The seal of the
+//! document shows whether the file is complete, and whether it is an older copy. The seal has these fields:
 //!
 //! - `checksum`: CRC-32 of every byte of the file, with zeros in place of its own digits.
-//! - `since`: time at which the first document of this machine was made here. A copy from elsewhere has another time.
+//! - `since`: time at which the first document of this machine was made here. A document from another computer has
+//!   another time.
 //! - `number`: number of saves so far. `named`: the number in its own file when this document was saved, 0 if there was
 //!   none.
 //! - `in_question`: the files did not match, and no operator has armed an axis since.
 //!
-//! # Which file is older
+//! # How an older copy is detected
 //! The writer saves the document first, then the number. It saves the number with each state (every 8 s, and at the
-//! end), but not before each write to a register. Such a write therefore waits for one file only.
+//! end), but not for each write to a register. Therefore a write to a register waits only for the document.
 //!
 //! | event | number in its file | result of the next start |
 //! |---|---|---|
@@ -60,13 +62,14 @@ pub(super) use file::StoreFile;
 pub(super) use names::{NamedMachine, by_name, by_place};
 pub(in crate::gateway) use writer::{SaveResult, Writer};
 
-/// Number of consecutive failures with a new cause after which the new cause is reported.
+/// Number of consecutive failures with another cause than the reported one, after which the new cause is reported.
 const CHANGED_AFTER: u32 = 2;
 
-/// Cause of a failed save, as reported; `None` while saving works.
+/// Reported cause of a failed save; `None` while saving works.
 pub(super) type DiskCause = Option<Cause<(ErrorKind, Option<i32>)>>;
 
-/// Records an error of the disk. Returns whether it must be reported: it is the first one, or its cause has changed.
+/// Records an error of the disk. Returns whether the error must be reported, because it is the first error or has a
+/// new cause.
 pub(super) fn is_news(known: &mut DiskCause, error: &io::Error) -> bool {
     Cause::is_news(known, (error.kind(), error.raw_os_error()), CHANGED_AFTER)
 }
@@ -77,28 +80,29 @@ pub(in crate::gateway) const WHAT: &str = "the state";
 /// Content of a state document.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(in crate::gateway) struct Content {
-    /// State in its saved form. `None` before the first save.
+    /// State as JSON. `None` if no state has been saved yet.
     pub(in crate::gateway) state: Option<Value>,
     /// Entries of the register ledger, by the names of the outputs.
     pub(in crate::gateway) outputs: Entries,
 }
 
-/// Saved data that a run finds at its start, and the file to which it saves.
+/// Saved data that a run finds at its start, and the file to which the run saves.
 pub(in crate::gateway) struct Opened {
-    /// Content of the document; `None` if there is no document. The error is a sentence about a document that is
-    /// rejected.
+    /// Content of the document; `None` if there is no document. If the document is rejected, the error is a sentence
+    /// with the reason.
     pub(in crate::gateway) found: Result<Option<Content>, String>,
-    /// Layout of files that an earlier version of isotherm has written, and a clause about them. `None` without such
-    /// files.
+    /// Layout number of files that an earlier version of isotherm has written, and a part of a sentence about them.
+    /// `None` if no such files exist.
     pub(in crate::gateway) earlier: Option<(u32, String)>,
-    /// Whether this is the first run in the directory: no earlier run has left a file.
+    /// Whether this is the first run in the directory. An earlier run would have left a file.
     pub(in crate::gateway) is_first: bool,
     pub(in crate::gateway) file: StoreFile,
 }
 
 /// Documents in a directory, before they are compared with the number in the file `NAME.number`.
 struct FoundDocuments {
-    /// Path of each file, and the file extension that it gets when a document of this version replaces it.
+    /// Path of each file, and the extension that is added to its name before a document of this version replaces the
+    /// file.
     files: Vec<(PathBuf, &'static str)>,
     layout: u32,
     seal: Option<Seal>,
@@ -110,13 +114,14 @@ pub(in crate::gateway) fn path(directory: &Path, machine: &str) -> PathBuf {
     directory.join(format!("{machine}.state.json"))
 }
 
-/// Returns the content of the state document. `None` if there is none, or if it is damaged. The number is not compared.
+/// Returns the content of the state document, without a check of its save number. `None` if the document does not
+/// exist or is damaged.
 pub(in crate::gateway) fn content(directory: &Path, machine: &str) -> Option<Content> {
     let read = read(&Files, &path(directory, machine), |bytes| document::read(bytes, machine));
     read.ok().flatten().map(|(_, content)| content)
 }
 
-/// Opens the saved data of a machine. `has_logs` states that an earlier run has left logs in the directory.
+/// Opens the saved data of a machine. `has_logs`: whether the directory contains logs of an earlier run.
 pub(in crate::gateway) fn open(
     disk: &Arc<dyn Disk>,
     (directory, machine): (&Path, &str),
@@ -180,7 +185,8 @@ pub(in crate::gateway) fn open(
 }
 
 impl Content {
-    /// Marks the content as saved by a run whose last writes may still arrive at a register.
+    /// Marks the content as saved by a run that did not end in the usual way. Its last writes may still arrive at a
+    /// register.
     pub(super) fn not_in_order(mut self) -> Content {
         self.outputs.values_mut().for_each(|entry| entry.kept.in_order = false);
         self
@@ -200,7 +206,7 @@ fn find_documents(disk: &dyn Disk, directory: &Path, machine: &str) -> FoundDocu
     FoundDocuments { files: vec![(document, "")], layout: VERSION, seal, content }
 }
 
-/// Reads a file. Returns `None` if it does not exist.
+/// Reads a file. Returns `None` if the file does not exist.
 fn read<T>(
     disk: &dyn Disk,
     path: &Path,
@@ -213,7 +219,7 @@ fn read<T>(
     }
 }
 
-/// Returns `first` if no such file exists, otherwise this path with the first number that is not in use.
+/// Returns `first` if no file has this path. Otherwise, adds the first number to the path for which no file exists.
 fn free(disk: &dyn Disk, first: PathBuf) -> PathBuf {
     let numbered = |number: u32| match number {
         1 => first.clone(),
@@ -245,7 +251,7 @@ pub(in crate::gateway) fn may_start(disk: &dyn Disk, directory: &Path, machine: 
     }
 }
 
-/// Flag that the saved state is in question until an operator arms an axis. The writer and the axes share it.
+/// Flag: the saved state is in question until an operator arms an axis. The writer and the axes share the flag.
 #[derive(Clone, Debug, Default)]
 pub(in crate::gateway) struct OpenQuestion(Arc<AtomicBool>);
 
@@ -258,7 +264,7 @@ impl OpenQuestion {
         self.0.store(true, Ordering::Relaxed);
     }
 
-    /// Ends the question, because an operator has armed an axis.
+    /// Clears the flag, because an operator has armed an axis.
     pub(in crate::gateway) fn close(&self) {
         self.0.store(false, Ordering::Relaxed);
     }

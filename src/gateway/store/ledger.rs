@@ -2,7 +2,7 @@
 //! gateway share of each shared register, and the values that may still arrive at a register. It also shows whether the
 //! last run ended without an exchange in progress. [`isotherm_core::output`] uses it.
 //!
-//! The [store](super::documents) saves the register ledger. A caller that depends on a saved entry waits for the
+//! The [store](super::documents) saves the register ledger. A caller that needs the entry on disk waits for the
 //! result.
 
 use std::collections::HashSet;
@@ -19,8 +19,8 @@ use isotherm_core::output::{self, Doubt};
 use isotherm_core::quantity::{Counts, Shifted};
 use isotherm_profile::{Output, Profile, Share};
 
-/// Register ledger of a machine: saved account of the values that the gateway has written to each register. Contains
-/// the entries that the last run left, and saves new entries.
+/// Register ledger of a machine: saved account of the values that the gateway has written to each register. The type
+/// contains the entries of the last run, and saves new entries.
 pub(in crate::gateway) struct Ledger {
     profile: Arc<Profile>,
     /// Clock that converts the time stamps on disk to the time of this run.
@@ -28,14 +28,14 @@ pub(in crate::gateway) struct Ledger {
     /// Writer of the state document; `None` if nothing is saved.
     writer: Option<Arc<Writer>>,
     found: Entries,
-    /// Whether no earlier run can have written to a register. Either no run has left a file, or the gateway saves
-    /// nothing and its caller guarantees this.
+    /// Whether an earlier run cannot have written to a register. Either no earlier run has left a file, or the
+    /// gateway saves nothing and its caller guarantees this.
     is_first: bool,
-    /// Whether no document on disk claims that all writes of the last run have arrived.
+    /// Whether the documents on disk no longer claim that all writes of the last run have arrived.
     is_unmarked: bool,
 }
 
-/// Properties of a run that determine which entries its register ledger saves, and how.
+/// Properties of a run on which the saving of the register ledger depends.
 #[derive(Clone, Copy, Debug)]
 pub(in crate::gateway) struct LedgerRun {
     /// Whether the run writes nothing to a register.
@@ -49,7 +49,7 @@ pub(in crate::gateway) struct LedgerRun {
 pub(in crate::gateway) enum SaveCondition {
     /// The write need not wait for the disk.
     Needless,
-    /// The write waits until this version of the document is on disk.
+    /// The write must wait until the contained version of the document is on disk.
     Version(u64),
     /// The write is not allowed: it requires a saved entry in the register ledger, but this run saves nothing.
     Impossible,
@@ -69,9 +69,9 @@ impl Ledger {
         Ledger { profile, clock, writer: None, found: Entries::new(), is_first: true, is_unmarked: true }
     }
 
-    /// Opens the register ledger of a machine, and the writer of its document. A dry run does not change the entries on
-    /// disk. If it is the first run, it saves that no write may still arrive at a register. `remembers` returns whether
-    /// an earlier run verified an offset in an output.
+    /// Opens the register ledger of a machine, and the writer of its document. A dry run does not change the entries
+    /// on disk. A dry run that is the first run saves that no write may still arrive at a register. `remembers`
+    /// returns whether an earlier run verified an offset in an output.
     pub(in crate::gateway) fn open(
         profile: &Arc<Profile>,
         run: LedgerRun,
@@ -104,7 +104,7 @@ impl Ledger {
         (Ledger { profile, clock, writer: kept, found, is_first, is_unmarked }, writer)
     }
 
-    /// Returns the entry of an output that was on disk at the start. `None` if nothing is known about its register.
+    /// Returns the entry of an output at the start of the gateway. `None` if nothing is known about the register.
     pub(in crate::gateway) fn at_start(&self, output: &Output) -> Option<output::SavedOutput> {
         if self.is_first && !is_shared(output) {
             return Some(unwritten());
@@ -113,8 +113,8 @@ impl Ledger {
         self.found.get(&output.name).map(|entry| entry.kept.shifted(counted))
     }
 
-    /// Saves the entry of an output. `is_needed` states that the next write depends on it. Otherwise a write waits only
-    /// while a document on disk still claims that all writes of the last run have arrived.
+    /// Saves the entry of an output. `is_needed`: whether the next write requires the entry on disk. Another write
+    /// must wait only while a document on disk still claims that all writes of the last run have arrived.
     pub(in crate::gateway) fn keep(
         &self,
         output: &Output,
@@ -139,7 +139,7 @@ impl Ledger {
         }
     }
 
-    /// Waits until a version is on disk: see [`Writer::kept`].
+    /// Waits until a version of the document is on disk: see [`Writer::kept`].
     pub(in crate::gateway) async fn kept(&self, version: u64, span: Duration, clock: &Clock) -> SaveResult {
         match &self.writer {
             Some(writer) => writer.kept(version, span, clock).await,
@@ -154,13 +154,13 @@ impl Ledger {
     }
 }
 
-/// Returns the state of an output to which no run has written.
+/// Returns the saved data of a register to which no run has written.
 fn unwritten() -> output::SavedOutput {
     output::SavedOutput { in_order: true, ..output::SavedOutput::default() }
 }
 
-/// Returns entries for a machine to which no run has written. A shared register has none, because nothing is known of
-/// its operator offset.
+/// Returns entries for a machine to which no run has written. A shared register has no entry, because its operator
+/// offset is not known.
 fn unwritten_entries(profile: &Profile) -> Entries {
     let outputs = profile.outputs.iter().filter(|output| !is_shared(output));
     let entry = |output: &Output| Entry::new(places::of_output(profile, output), unwritten());
@@ -194,15 +194,15 @@ fn found(profile: &Profile, before: Entries, is_readable: bool, remembers: impl 
     found
 }
 
-/// Returns whether the register was not shared with an operator before, and held an offset of the gateway. Only the
+/// Returns whether the register held an offset of the gateway when it was not yet shared with an operator. Only the
 /// operator can then say which part of its value is the operator offset.
 fn is_ours(output: &Output, entry: &Entry) -> bool {
     let is_zero = |counts: Counts| counts == Counts(0) || counts == Counts(output.encoding.bias);
     entry.kept.account.is_none() && entry.kept.stood.is_some_and(|stood| !is_zero(stood))
 }
 
-/// Removes and returns the saved entry of an output. Most entries are in `named`, by the name of the output. If the
-/// output was renamed, its entry is in `others`, and is found by its register.
+/// Removes and returns the saved entry of an output. `named` contains the entries with the name of an output of the
+/// profile. If the output was renamed, its entry is in `others`, and is identified by its register.
 fn take(
     name: &str,
     (named, others): (&mut Entries, &mut Entries),

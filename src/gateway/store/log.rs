@@ -1,5 +1,5 @@
 //! Log of a run: CSV with one row per step of the axes. [`replay`](crate::cli::replay) calculates the same decisions
-//! from it.
+//! from the log.
 //!
 //! ```text
 //! time, <signal>…, then per axis z: z_permit, z_from_um, z_raw_um, z_cz_um, z_model, z_state, z_acted,
@@ -8,17 +8,18 @@
 //!
 //! - `time`: RFC 3339 in UTC with every nanosecond. A log from elsewhere may contain seconds instead.
 //! - `<signal>`: value in its engineering unit, with every digit; empty if the reading was rejected or too old.
-//! - `z_permit`: off, armed, unverified, held, stopping. `z_from_um`: Cz in the register from which the axis resumed at
-//!   this row, else empty.
+//! - `z_permit`: off, armed, unverified, held, stopping. `z_from_um`: Cz (compensation value) in the register from
+//!   which the axis continued at this row, else empty.
 //! - `z_raw_um` … `z_acted`: decision of the axis, from this row or an earlier one.
 //! - `z_slope_from_um`, `z_slope_um`: the corresponding values of a slope that the control applies itself, as its
 //!   effect at the axis's largest distance from the reference position. Only for such an axis.
-//! - `z_measured_um`, `z_acting_um`: error measured at this row, and the Cz that acted. `z_forget`: 1 if the correction
-//!   from measured errors was discarded. `z_worse`: 1 while probings show that the axis is worse with its model than
-//!   without compensation. `z_correction_um`: correction of the model's Cz. Only for an axis with a probe. A log from
-//!   elsewhere may have only `z_measured_um`; then the Cz of the last decision acted.
-//! - `z_expected_um`: expected residual error if the model's Cz acts, one standard deviation; empty if it is unknown.
-//!   Only for an axis with a model that gives it.
+//! - `z_measured_um`, `z_acting_um`: measured error that was received at this row, and the Cz that acted during its
+//!   measurement. `z_forget`: 1 if the correction from measured errors was discarded. `z_worse`: 1 while probings show
+//!   that the axis is worse with its model than without compensation. `z_correction_um`: correction of the model's Cz.
+//!   Only for an axis with a probe. A log from elsewhere may have only `z_measured_um`; then the Cz of the last
+//!   decision counts as the one that acted.
+//! - `z_expected_um`: expected residual error with the model's Cz, as one standard deviation; empty if it is unknown.
+//!   Only for an axis with a model that calculates this error.
 //! - `z_stood_in`: sensor of the model in use that has a stand-in. `z_trust`: 1 if the operator disarmed the axis, and
 //!   its sensors are accepted from then on. Only for an axis whose models have stand-ins.
 //! - `z_preferred`: request to change the preferred model (JSON) since the row before: adopt a learned model, return to

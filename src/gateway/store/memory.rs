@@ -1,8 +1,8 @@
 //! State of a machine that is saved for the next start: time since machine start, references, lags, datums (zero points
 //! of Cz), results of probing, last verified Cz, and last good values.
 //!
-//! The [store](super::documents) saves the state. If a saved state is rejected, the gateway starts without one, and an
-//! operator must arm the axes.
+//! The [store](super::documents) saves the state. If the saved state is rejected, the gateway starts without a saved
+//! state, and an operator must arm the axes.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
@@ -22,7 +22,7 @@ use isotherm_core::quantity::{Moment, Shift, Shifted};
 use isotherm_core::reading::SignalId;
 use isotherm_profile::Profile;
 
-/// State of a machine at one moment, to be saved for the next start.
+/// State of a machine at one time, which is saved for the next start.
 #[derive(Debug)]
 pub(in crate::gateway) struct Memory {
     at: Moment,
@@ -33,7 +33,7 @@ pub(in crate::gateway) struct Memory {
     rest: UnchangedParts,
 }
 
-/// Parts of the state that are saved without a conversion.
+/// Parts of the state that are saved without conversion.
 #[derive(Debug)]
 pub(super) struct UnchangedParts {
     /// Results of the sign checks, by axis.
@@ -43,7 +43,7 @@ pub(super) struct UnchangedParts {
     pub(in crate::gateway) values: BTreeMap<String, LastGood>,
 }
 
-/// State in the form in which it is written to the document: a [`SavedState`] that borrows its parts.
+/// State in the form that is written to the document. It has the fields of [`SavedState`], but borrows their values.
 #[derive(Debug, Serialize)]
 pub(super) struct StateToSave<'m> {
     at: Moment,
@@ -62,15 +62,15 @@ fn is_empty<K, V>(map: &&BTreeMap<K, V>) -> bool {
     map.is_empty()
 }
 
-/// State as it is read from the document.
+/// State in the form that is read from the document.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct SavedState {
     at: Moment,
     /// State of the compensation, in which signals are identified by their names.
     machine: Value,
-    /// Last verified Cz of each offset output, and Cz in the last written position of each output that writes a
-    /// position plus Cz, µm.
+    /// Last Cz of each output, µm: the last verified Cz, or for a corrected position the Cz in the last written
+    /// position. Only outputs that write Cz are contained.
     verified_um: BTreeMap<String, f64>,
     /// Results of the sign checks, by axis.
     #[serde(default)]
@@ -81,8 +81,8 @@ struct SavedState {
     /// Last good values of signals with a limit of the rate of change.
     #[serde(default)]
     values: BTreeMap<String, LastGood>,
-    /// Default limits of signals, which have been reported already. Empty in a state of a version without default
-    /// limits.
+    /// Default limits of signals that have already been reported. Empty if the version that saved the state had no
+    /// default limits.
     #[serde(default)]
     limits: KnownLimits,
 }
@@ -90,21 +90,21 @@ struct SavedState {
 /// Saved state that a run reads at its start.
 #[derive(Debug, Default)]
 pub(in crate::gateway) struct RestoredMemory {
-    /// State of the compensation. Its moments are time stamps of the previous run.
+    /// State of the compensation. Its times are time stamps of the previous run.
     pub(in crate::gateway) remembered: Remembered,
     /// Time at which the state was saved.
     pub(in crate::gateway) at: Option<Moment>,
-    /// Last verified Cz of each offset output, and Cz in the last written position of each output that writes a
-    /// position plus Cz, µm.
+    /// Last Cz of each output, µm: the last verified Cz, or for a corrected position the Cz in the last written
+    /// position. Only outputs that write Cz are contained.
     pub(in crate::gateway) verified_um: BTreeMap<String, f64>,
     /// Results of the sign checks, by axis.
     pub(in crate::gateway) signs: BTreeMap<String, SignMemory>,
     /// Addresses of signals and registers of outputs in the previous run.
     pub(in crate::gateway) places: Places,
-    /// Outputs that were renamed, with the same register: old name and new name. The other fields contain the new
-    /// names.
+    /// Old and new name of each output that was renamed and has the same register as before. The other fields contain
+    /// the new names.
     pub(in crate::gateway) renamed: BTreeMap<String, String>,
-    /// Signals whose address has changed after a reference was captured from them. The reference is discarded.
+    /// Signals with a captured reference whose address has changed since the capture. The reference is discarded.
     pub(in crate::gateway) moved: BTreeMap<String, MovedPlace>,
     /// Last good values of signals with a limit of the rate of change, with their age at the start. Empty if the duration
     /// of the stop is not known.
@@ -124,7 +124,7 @@ impl Memory {
         Memory { at, profile, remembered, verified_um, rest }
     }
 
-    /// Converts all moments to time stamps of the computer's clock.
+    /// Converts all monotonic times to time stamps of the computer's clock.
     pub(in crate::gateway) fn stamped(self, shift: Shift) -> Memory {
         let remembered = self.remembered.counted_until(self.at).shifted(shift);
         Memory { at: self.at.shifted(shift), remembered, ..self }
@@ -146,10 +146,10 @@ impl Memory {
         })
     }
 
-    /// Parses a saved state, for the signals of this profile. Without a `state`, returns an empty one.
+    /// Parses a saved state, for the signals of this profile. If `state` is `None`, returns an empty state.
     ///
     /// # Errors
-    /// The content is no state of a machine. The error is a clause.
+    /// The content is not the state of a machine. The error is a part of a sentence.
     pub(in crate::gateway) fn recall(
         state: Option<Value>,
         profile: &Profile,

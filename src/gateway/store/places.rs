@@ -1,5 +1,6 @@
-//! Places: the registers of the outputs and the addresses of the signals. The module saves them, reports their changes,
-//! and determines the axes that must wait for the operator after a change. [`isotherm_core::place`] compares them.
+//! Places: the registers of the outputs and the addresses of the signals. The gateway saves them for the next start,
+//! and reports each change. After a change, some axes must wait for the operator. [`isotherm_core::place`] compares
+//! saved and present places.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
@@ -20,7 +21,7 @@ use isotherm_core::place::{
 use isotherm_core::quantity::Micron;
 use isotherm_profile::{AxisId, DeviceId, Output, OutputId, Profile, Share, Signal, Writes};
 
-/// Hint about an output whose register was shared with an operator, but is no longer shared.
+/// Hint about an output whose register was shared with an operator in the previous run, but is no longer shared.
 const WHOLE: &str = "arming makes the whole register value the gateway share, also the operator offset; to \
                      keep the operator offset, write share = \"ledger\" again";
 
@@ -28,26 +29,26 @@ const WHOLE: &str = "arming makes the whole register value the gateway share, al
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(in crate::gateway) struct Places {
-    /// Registers of the outputs, by name.
+    /// Register of each output, by the output's name.
     pub(in crate::gateway) outputs: BTreeMap<String, OutputPlace>,
-    /// Addresses of the signals, by name.
+    /// Address of each signal, by the signal's name.
     pub(in crate::gateway) signals: BTreeMap<String, SignalPlace>,
-    /// Former registers of outputs whose change the operator has not confirmed.
+    /// Former registers of outputs that were moved or removed, until the operator confirms the change.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub(in crate::gateway) former: Vec<FormerPlace>,
-    /// Names of the outputs whose register the gateway has only read and never written.
+    /// Names of the outputs whose register the gateway has read, but never written.
     #[serde(default, skip_serializing_if = "BTreeSet::is_empty")]
     only_read: BTreeSet<String>,
-    /// For each address of an OPC UA server: URIs of the namespaces that the profile names by index.
+    /// URIs of the namespaces that the profile refers to by index, by the address of the OPC UA server.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     namespaces: BTreeMap<String, KnownNamespaces>,
-    /// Limit, step and rate of each output, by name.
+    /// Limit, step and rate for each output, by the output's name.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     bounds: BTreeMap<String, Bounds>,
-    /// Entries of the register ledger for former registers, which no output uses now.
+    /// Entries of the register ledger for former registers that no output uses now.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub(in crate::gateway) kept: Vec<Entry>,
-    /// Releases of former registers that the operator has requested.
+    /// Releases (returns to the base value) of former registers that the operator has requested.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub(in crate::gateway) releases: Vec<Release>,
 }
@@ -56,7 +57,7 @@ pub(in crate::gateway) struct Places {
 #[derive(Debug, Default)]
 pub(in crate::gateway) struct Moves {
     pub(in crate::gateway) places: Arc<Places>,
-    /// Outputs whose register has changed in the profile, and whose new register was not read since the start.
+    /// Outputs with a changed register whose new register has not been read since the start.
     unread: Vec<OutputId>,
 }
 
@@ -101,15 +102,15 @@ fn of_signal(profile: &Profile, signal: &Signal) -> SignalPlace {
     }
 }
 
-/// Returns the address of a device's bus, and the unit of the device.
+/// Returns the address of the bus of a device, and the unit address of the device.
 fn line(profile: &Profile, device: DeviceId) -> (String, u8) {
     let device = profile.devices.get(device.0);
     let bus = device.and_then(|device| profile.buses.get(device.bus.0));
     (bus.map_or(String::new(), |bus| bus.address.clone()), device.map_or(0, |device| device.unit))
 }
 
-/// Parses the OPC UA node of an address. If the URI of its namespace is known, the URI replaces the index. `None` for
-/// any other address.
+/// Parses an address as an OPC UA node. If the URI of the node's namespace is known, the URI replaces the index.
+/// `None` if the address is not an OPC UA node.
 fn by_uri(address: &str, known: &KnownNamespaces) -> Option<NodeId> {
     let mut node: NodeId = address.strip_prefix("node ")?.parse().ok()?;
     if let Namespace::Index(index) = node.namespace
@@ -120,7 +121,8 @@ fn by_uri(address: &str, known: &KnownNamespaces) -> Option<NodeId> {
     Some(node)
 }
 
-/// Returns the namespace index in the address of an OPC UA node. `None` if the address contains a URI, or is no node.
+/// Returns the namespace index in the address of an OPC UA node. `None` if the address contains a URI, or is not a
+/// node.
 fn index_of(address: &str) -> Option<u16> {
     let node: NodeId = address.strip_prefix("node ")?.parse().ok()?;
     match node.namespace {
@@ -129,7 +131,7 @@ fn index_of(address: &str) -> Option<u16> {
     }
 }
 
-/// Returns the items that were renamed without another change: old name and new name.
+/// Returns old and new name of each output or signal that was renamed without another change.
 fn new_names<P: Place>(before: &BTreeMap<String, P>, now: &BTreeMap<String, P>) -> BTreeMap<String, String> {
     let found = place::compare(before, now).into_iter();
     let renamed = found.filter_map(|(name, found)| match found {
@@ -149,7 +151,8 @@ impl Places {
         Places { signals: signals.collect(), ..Places::of_outputs(profile) }
     }
 
-    /// Returns the registers of the outputs of a profile. A run that saves nothing needs no other places.
+    /// Returns the registers of the outputs of a profile, without the addresses of signals. A run that saves nothing
+    /// does not need these addresses.
     pub(in crate::gateway) fn of_outputs(profile: &Profile) -> Places {
         let own = || profile.outputs.iter().filter(|output| !profile.is_release(output.axis));
         let outputs = own().map(|output| (output.name.clone(), of_output(profile, output)));
@@ -157,8 +160,8 @@ impl Places {
         Places { outputs: outputs.collect(), bounds: bounds.collect(), ..Places::default() }
     }
 
-    /// Replaces the saved node names by the names in this profile (`now`), if both mean the same node. Example:
-    /// `ns=2;s=offset` and `nsu=urn:mill;s=offset`.
+    /// Replaces each saved node name by the name in this profile (`now`), if both names mean the same node. For
+    /// example, `ns=2;s=offset` and `nsu=urn:mill;s=offset` may mean the same node.
     fn named_as(mut self, now: &Places) -> Places {
         let known = Places { namespaces: self.namespaces.clone(), ..Places::default() };
         if known.namespaces.is_empty() {
@@ -185,19 +188,19 @@ impl Places {
         self
     }
 
-    /// Replaces the saved namespaces of servers by the namespaces in `others`.
+    /// Replaces the saved namespaces of all servers by the namespaces in `others`.
     pub(in crate::gateway) fn with_namespaces_of(self, others: Places) -> Places {
         Places { namespaces: others.namespaces, ..self }
     }
 
-    /// Replaces the node name of an output by the name in this profile (`now`), if both mean the same node.
+    /// Replaces the node name of an output by the name in this profile (`now`), if both names mean the same node.
     pub(in crate::gateway) fn name_output(&self, now: &Places, name: &str, place: &mut OutputPlace) {
         let same_name = now.outputs.get(name).map(|place| place.address.as_str());
         self.name_node(now, same_name, &place.bus, &mut place.address);
     }
 
-    /// Replaces a node name in an address by the name in this profile (`now`), if both mean the same node. One node can
-    /// have two names; the name that the profile uses for the same item is preferred.
+    /// Replaces the node name in an address by the name in this profile (`now`), if both names mean the same node. If
+    /// the profile has two names for the node, the name of the same output or signal is preferred.
     fn name_node(&self, now: &Places, same_name: Option<&str>, bus: &str, address: &mut String) {
         let Some(known) = self.namespaces.get(bus) else { return };
         let Some(was) = by_uri(address, known) else { return };
@@ -228,15 +231,15 @@ impl Places {
         moved.collect()
     }
 
-    /// Replaces old names of nodes and outputs by the names in this profile (`now`). Also returns the outputs that were
-    /// renamed, with the same register: old name and new name.
+    /// Replaces old names of nodes and outputs by the names in this profile (`now`). Also returns old and new name of
+    /// each output that was renamed and has the same register as before.
     pub(super) fn under_names_of(self, now: &Places) -> (Places, BTreeMap<String, String>) {
         let places = self.named_as(now);
         let names = new_names(&places.outputs, &now.outputs);
         (places.renamed(&names), names)
     }
 
-    /// Returns the signals that were renamed in this profile, with the same address: old name and new name.
+    /// Returns old and new name of each signal that was renamed in this profile and has the same address as before.
     pub(super) fn new_names_of_signals(&self, now: &Places) -> BTreeMap<String, String> {
         new_names(&self.signals, &now.signals)
     }
@@ -252,13 +255,13 @@ impl Places {
         Places { outputs, former, only_read, bounds, releases, ..self }
     }
 
-    /// Returns whether the gateway may have written to the register of an output.
+    /// Returns whether the gateway may have written to the register of this output before.
     pub(in crate::gateway) fn was_driven(&self, output: &str) -> bool {
         !self.only_read.contains(output)
     }
 
-    /// Returns the registers and addresses for a run after this one. `left` contains the outputs as this run left them.
-    /// `is_first` states that no earlier run has left a file.
+    /// Returns the registers and addresses for the next run. `left` contains the outputs at the end of this run.
+    /// `is_first`: whether no earlier run has left a file.
     pub(in crate::gateway) fn after(
         self,
         profile: &Profile,
@@ -292,7 +295,7 @@ impl Places {
         Places { former, only_read, kept: self.kept, releases, namespaces, ..now }
     }
 
-    /// Stores the register ledger's entries of former registers. They replace older entries of the same registers.
+    /// Stores entries of the register ledger for former registers. They replace older entries of the same registers.
     pub(in crate::gateway) fn keep(&mut self, entries: &Entries) {
         let Places { kept, former, releases, .. } = self;
         let places = || former.iter().map(|one| &one.place).chain(releases.iter().map(|one| &one.place));
@@ -303,13 +306,13 @@ impl Places {
         kept.extend(entries.values().filter(|entry| is_former(entry)).cloned());
     }
 
-    /// Returns the register ledger's entry (saved account) of a former register, which no output uses now. `None` if
-    /// there is no entry.
+    /// Returns the register ledger's entry (saved account) of a former register that no output uses now. `None` if no
+    /// entry exists.
     pub(in crate::gateway) fn kept_of(&self, place: &OutputPlace) -> Option<SavedOutput> {
         self.kept.iter().find(|entry| entry.lies_at(place)).map(|entry| entry.kept)
     }
 
-    /// Ends a release: its register is listed as a former register again, with its last verified value.
+    /// Ends a release, and lists its register with the last verified value as a former register again.
     pub(in crate::gateway) fn ends(&mut self, release: &Release) {
         match self.former.iter_mut().find(|former| release.is_of(&former.output, &former.place)) {
             // No movement was verified in the register.
@@ -319,8 +322,8 @@ impl Places {
         }
     }
 
-    /// Returns whether an entry of the register ledger belongs to a register that a release has changed, and that no
-    /// output of the last run uses.
+    /// Returns whether an entry of the register ledger belongs to a release: a release has changed the register, and
+    /// no output of the last run uses it.
     pub(in crate::gateway) fn is_of_a_release(&self, name: &str, entry: &Entry) -> bool {
         let is_of_release = |place: &OutputPlace| {
             place.axis.starts_with(AXIS) && self.outputs.values().all(|output| output.axis != place.axis)
@@ -328,8 +331,8 @@ impl Places {
         !self.outputs.contains_key(name) && entry.place.as_ref().is_some_and(is_of_release)
     }
 
-    /// Returns the Cz in the position that an output wrote last (position plus Cz), in µm of its present axis. `None`
-    /// if its register has changed.
+    /// Returns the Cz in the last written value of a corrected position (position plus Cz), in µm of the present
+    /// axis. `None` if the register of the output has changed.
     pub(in crate::gateway) fn left_in_position(
         &self,
         now: &OutputPlace,
@@ -341,14 +344,14 @@ impl Places {
         was.is_same_register(now).then_some(last_um * factor(was) / factor(now))
     }
 
-    /// Explains each changed or removed register that the operator has not confirmed. `isotherm check` uses this for
-    /// the state of a stopped machine.
+    /// Explains each changed or removed register that the operator has not confirmed. `isotherm check` shows the
+    /// texts for a machine whose gateway is stopped.
     pub(in crate::gateway) fn explain(&self) -> Vec<Explained> {
         self.former.iter().map(|former| self.explained(former, None)).collect()
     }
 
-    /// Explains why the axis of a former register must wait. `holds` is the value in the present register of the
-    /// output, if it was read.
+    /// Explains why the axis of an output must wait because of a former register. `holds` is the value in the
+    /// output's present register, if the register was read.
     fn explained(&self, former: &FormerPlace, holds: Option<&str>) -> Explained {
         let FormerPlace { output, place, held_um, .. } = former;
         let held = held_um.map(|um| format!("{um:.1} µm"));
@@ -397,7 +400,7 @@ impl Moves {
         Moves { unread: unread.map(|(place, _)| OutputId(place)).collect(), places: Arc::new(places) }
     }
 
-    /// Returns the axes that must wait for the operator, with the reason.
+    /// Returns the axes that must wait for the operator, each with the reason.
     pub(in crate::gateway) fn barred(&self, profile: &Profile) -> Vec<(AxisId, Explained)> {
         let axes = profile.axes.iter().enumerate();
         let barred = axes.filter_map(|(place, axis)| {
@@ -408,8 +411,8 @@ impl Moves {
         barred.collect()
     }
 
-    /// Records the outputs to whose registers the gateway may write. Returns whether one of these registers was only
-    /// read before.
+    /// Records the outputs whose registers the gateway may write from now on. Returns whether the gateway has only
+    /// read one of these registers before.
     pub(in crate::gateway) fn drive(
         &mut self,
         profile: &Profile,
@@ -442,8 +445,8 @@ impl Moves {
         self.places.namespaces.get(bus).cloned().unwrap_or_default()
     }
 
-    /// Saves the namespaces of these indices. `bus` is the address of the server. Returns whether the saved namespaces
-    /// have changed.
+    /// Saves the namespaces with these indices for the server at the address `bus`. Returns whether the saved
+    /// namespaces have changed.
     pub(in crate::gateway) fn remember_namespaces(
         &mut self,
         bus: &str,
@@ -459,14 +462,14 @@ impl Moves {
         true
     }
 
-    /// Returns whether the register of the output has changed, and the operator has not confirmed this.
+    /// Returns whether the register of the output has changed, and the operator has not confirmed the change yet.
     pub(in crate::gateway) fn is_in_doubt(&self, output: &str) -> bool {
         self.places.former.iter().any(|former| former.output == output)
     }
 
-    /// Returns the events for the start of the gateway: outputs with another register, and registers that still contain
-    /// a value of the gateway. A register that a release returns to its base value is left out, because its axis
-    /// reports the progress.
+    /// Returns the events for the start of the gateway: outputs with another register, and registers that still
+    /// contain a value of the gateway. Registers that a release returns to their base values have no event here,
+    /// because their axes report the progress.
     pub(in crate::gateway) fn events(&self, releases: &Releases, profile: &Profile) -> Vec<Event> {
         let mut events = Vec::new();
         for former in &self.places.former {
@@ -489,8 +492,8 @@ impl Moves {
         Some(Event::OutputMoved { output, why: self.places.explained(former, holds) })
     }
 
-    /// Handles a read of an output's register. At the first read of a changed register, returns an event, and the
-    /// reason why the axis waits. Otherwise returns `None`.
+    /// Handles a read of an output's register. If this is the first read of a changed register, returns an event and
+    /// the reason why the axis waits. Otherwise returns `None`.
     pub(in crate::gateway) fn read(
         &mut self,
         id: OutputId,
@@ -503,8 +506,8 @@ impl Moves {
         Some((self.moved(former, Some(&holds))?, self.places.explained(former, Some(&holds))))
     }
 
-    /// Confirms the changed registers of an axis, because the operator has armed the axis after the reports about them.
-    /// Returns the events.
+    /// Confirms the changed registers of an axis, because the operator has armed the axis after the reports about
+    /// these registers. Returns the events about this.
     pub(in crate::gateway) fn confirm(&mut self, axis: &str, profile: &Profile) -> Vec<Event> {
         let may_arm = |name: &str| {
             let mut axes = profile.axes.iter();
@@ -532,7 +535,7 @@ impl Moves {
     }
 }
 
-/// Makes the event about a register that outputs no longer use, although it contains a value of the gateway.
+/// Creates the event about a former register that still contains a value of the gateway.
 pub(in crate::gateway) fn register_left(
     former: &FormerPlace,
     releases: &Releases,

@@ -1,18 +1,18 @@
 //! Releases: registers that outputs no longer use return to their base value, which is the value without the gateway's
 //! offset. Each register is the output of an additional axis.
 //!
-//! The profile in memory gets an axis and an output. The Cz of the axis is always 0, with the limit, step and rate of
-//! the former axis. The output has its former register. Therefore the register is read, written and verified like every
-//! other. The file of the profile does not change.
+//! The profile in memory gets an axis and an output. The target of the axis is a Cz of 0, with the limit, step and
+//! rate of the former axis. The output uses the former register. Therefore the register is read, written and verified
+//! like the register of any other output. The profile file does not change.
 //!
 //! A release belongs to one run. If the gateway ends before the release is over, the next run reports the register
 //! again.
 //!
-//! Each of these conditions prevents a release:
+//! A release is not possible under one of these conditions:
 //!
 //! - The saved state does not contain limit, step and rate of the former axis.
 //! - The profile writes to the register, or no longer has its device.
-//! - The output was part of a set, was no offset, was not read back, or was not on Modbus.
+//! - The output was part of a set, was not an offset, was not read back, or was not on Modbus.
 
 use std::collections::BTreeSet;
 use std::time::Duration;
@@ -36,24 +36,24 @@ use crate::gateway::state::arming::Attempt;
 /// Hint about a register that the gateway cannot release.
 pub(super) const BY_HAND: &str =
     "set that register to zero at the control unless the operator needs the value, then arm the axis";
-/// First part of the name of an axis that releases a register.
+/// First part of the names of additional axes that release a register.
 pub(super) const AXIS: &str = "release_";
 /// Name of the only model of an axis that releases a register.
 const MODEL: &str = "base";
-/// Resolution of a register for floating-point numbers, as a fraction of the axis's step.
+/// Resolution of a floating-point register during a release, as a fraction of the axis's step.
 const GRAIN_OF_A_STEP: f64 = 1e-3;
 
 /// Former registers that are released (returned to their base values) in this run, or that can be released.
 #[derive(Clone, Debug, Default)]
 pub(in crate::gateway) struct Releases {
-    /// Former registers, each with the reason why it cannot be released; `None` if it can.
+    /// Former registers, each with the reason why it cannot be released; `None` if it can be released.
     obstacles: Vec<(OutputPlace, Option<Explained>)>,
     /// Registers that are returning to their base values.
     pub(in crate::gateway) returning: Vec<ReturningRegister>,
-    /// Registers whose release was ended without success while a write of the gateway could still arrive.
+    /// Registers whose release has failed while a write of the gateway could still arrive.
     pub(in crate::gateway) given_up: Vec<ReturningRegister>,
-    /// Operator offsets (the operator's parts of the values) of shared registers at the end of a release that was given
-    /// up, in the unit of the register.
+    /// Operator offsets of shared registers whose release has failed, in the unit of the register. An operator offset
+    /// is the part of the register value that the operator entered.
     pub(in crate::gateway) parts: Vec<(OutputPlace, f64)>,
 }
 
@@ -63,10 +63,10 @@ pub(in crate::gateway) struct ReturningRegister {
     pub(in crate::gateway) axis: AxisId,
     pub(in crate::gateway) output: OutputId,
     pub(in crate::gateway) release: Release,
-    /// Half a count of the register, as Cz in µm.
+    /// Half a count of the register, converted to µm of Cz.
     pub(in crate::gateway) grain_um: f64,
-    /// Axes that now use the output. They wait for the end of the release, because the former and the present address
-    /// may belong to the same register of the control.
+    /// Axes that use the same output with its present register. They wait until the release has ended, because both
+    /// addresses may belong to the same register of the control.
     pub(in crate::gateway) waits: Vec<AxisId>,
 }
 
@@ -91,7 +91,7 @@ impl Releases {
         Releases { obstacles: former.iter().map(obstacle).collect(), ..Releases::default() }
     }
 
-    /// Returns the reason why a former register cannot be released. `None` if it can.
+    /// Returns the reason why a former register cannot be released. `None` if it can be released.
     pub(in crate::gateway) fn obstacle(&self, place: &OutputPlace) -> Option<Explained> {
         let known = self.obstacles.iter().find(|(known, _)| known == place);
         known.map_or_else(|| Some(unknown()), |(_, why)| why.clone())
@@ -103,8 +103,8 @@ impl Releases {
         known.for_each(|(_, obstacle)| *obstacle = Some(why.clone()));
     }
 
-    /// Checks an attempt to arm an axis. The axis of a release is refused if its register does not hold the value that
-    /// an operator has seen. An axis whose output has another register now waits until the former register is released.
+    /// Checks an attempt to arm an axis. The axis of a release is refused if its register does not hold the value
+    /// that an operator has seen. An axis whose output was moved is refused until its former register is released.
     pub(in crate::gateway) fn assess(
         &self,
         axis: AxisId,
@@ -129,8 +129,8 @@ impl Releases {
         }
     }
 
-    /// Checks whether an output may resume from a Cz that was read in its register. Only an output that releases a
-    /// register can be refused.
+    /// Checks whether an axis may continue from the Cz that was read in the register of `output`. Only the axis of a
+    /// release can be refused.
     ///
     /// # Errors
     /// The register does not hold the value that an operator has seen.
@@ -146,8 +146,8 @@ impl Releases {
 }
 
 impl ReturningRegister {
-    /// Checks whether the axis may resume from a Cz that was read in its register. `shares` contains the two parts of a
-    /// shared register's value: operator offset and gateway share.
+    /// Checks whether the axis may continue from the Cz that was read in its register. `shares` contains the two
+    /// parts of a shared register's value: operator offset and gateway share.
     ///
     /// # Errors
     /// The register does not hold the value that an operator has seen.
@@ -182,9 +182,9 @@ impl ReturningRegister {
     }
 }
 
-/// Registers and nodes that a profile writes, and the names of its buses.
+/// Registers and nodes that a profile writes, and the canonical names of its buses.
 struct WrittenPlaces {
-    /// For each bus: the registers and nodes that the profile writes.
+    /// Registers and nodes that the profile writes, for each bus.
     places: Vec<BTreeSet<String>>,
     /// Canonical names of each bus.
     names: Vec<Vec<String>>,
@@ -196,7 +196,8 @@ impl WrittenPlaces {
         WrittenPlaces { places: profile.written_places(), names: line_names::of_each(&buses) }
     }
 
-    /// Returns whether the profile writes one of these places on a bus with the address of `bus`, in any spelling.
+    /// Returns whether the profile writes one of these registers on the bus `bus`. Another bus of the profile with
+    /// the same address, in any spelling, also counts.
     fn contain(&self, bus: BusId, places: &[String]) -> bool {
         let own = &self.names[bus.0];
         let is_same = |names: &[String]| names.iter().any(|name| own.contains(name));
@@ -205,7 +206,7 @@ impl WrittenPlaces {
     }
 }
 
-/// Returns limit, step, rate and interlock of an output, in the form in which they are saved.
+/// Returns limit, step, rate and interlock of an output in the form that is saved.
 pub(super) fn bounds_of(profile: &Profile, output: &Output) -> Bounds {
     let axis = &profile.axis(output.axis).settings;
     let obstacle = if output.set.is_some() {
@@ -229,7 +230,7 @@ pub(super) fn bounds_of(profile: &Profile, output: &Output) -> Bounds {
     }
 }
 
-/// Formats data type and byte order of an encoding.
+/// Formats data type and byte order of an encoding as text.
 pub(super) fn layout(encoding: &Encoding) -> String {
     let name = match encoding.data_type {
         DataType::Part(part) => format!("{} bits {part}", part.type_name()),
@@ -242,7 +243,7 @@ pub(super) fn layout(encoding: &Encoding) -> String {
     format!("{name}{order}{}", if encoding.byte_swap { " byte-swapped" } else { "" })
 }
 
-/// Reason why a shared register cannot be released if its entry in the register ledger is in doubt.
+/// Returns the reason why a shared register cannot be released if its entry in the register ledger is uncertain.
 pub(in crate::gateway) fn in_doubt() -> Explained {
     Explained::new("it is not certain which part of this register's value the operator has entered", BY_HAND)
 }
@@ -256,7 +257,7 @@ fn unknown() -> Explained {
 /// Checks that a former register can be released.
 ///
 /// # Errors
-/// The register cannot be released, for this reason, with a hint.
+/// The register cannot be released. The error contains the reason and a hint.
 fn why_not(
     profile: &Profile,
     former: &FormerPlace,
@@ -287,8 +288,8 @@ fn why_not(
     Ok(())
 }
 
-/// Returns the saved operator offset (part of the value that the operator entered) of a shared register, in the unit of
-/// the register. `None` if the register is not shared, or if the offset is not known.
+/// Returns the saved operator offset of a shared register (part of the value that the operator entered), in the unit
+/// of the register. `None` if the register is not shared, or if the offset is not known.
 pub(in crate::gateway) fn operators_part(
     place: &OutputPlace,
     bounds: &Bounds,
@@ -309,7 +310,8 @@ fn factor(place: &OutputPlace) -> f64 {
     if place.diameter { 2.0 } else { 1.0 }
 }
 
-/// Finds device, encoding and interlock of a former register. The error is the reason why it cannot be released.
+/// Finds device, encoding and interlock of a former register. The error is the reason why the register cannot be
+/// released.
 fn way(
     profile: &Profile,
     place: &OutputPlace,
@@ -368,8 +370,8 @@ fn device_at(profile: &Profile, place: &OutputPlace) -> Option<DeviceId> {
     profile.devices.iter().position(is_at).map(DeviceId)
 }
 
-/// Parses address and encoding of a former register. Returns `None` if it is no holding register, or has a type that
-/// isotherm never writes.
+/// Parses address and encoding of a former register. Returns `None` if it is not a holding register, or has a data
+/// type that isotherm never writes.
 fn register(place: &OutputPlace) -> Option<(Register, Encoding)> {
     let (text, _) = place.address.split_once(' ')?;
     let register: Register =
@@ -393,7 +395,8 @@ fn register(place: &OutputPlace) -> Option<(Register, Encoding)> {
     Some((register, encoding))
 }
 
-/// Adds an axis and an output to the profile for each release. Returns the releases that the profile still allows.
+/// Adds an axis and an output to the profile for each release. Returns the releases that are possible with this
+/// profile.
 pub(in crate::gateway) fn extend(profile: &mut Profile, releases: &[Release]) -> Vec<ReturningRegister> {
     let mut returning = Vec::new();
     for release in releases {
@@ -472,7 +475,7 @@ fn add(profile: &mut Profile, release: &Release, way: FormerRegister) -> Option<
     Some(ReturningRegister { axis, output: id, release: release.clone(), grain_um, waits })
 }
 
-/// Returns `name` if it is not in use, otherwise `name` with the first number that is not in use.
+/// Returns `name` if it is not used yet. Otherwise, adds the first number for which the name is not used.
 fn free(name: String, taken: &[&str]) -> String {
     let numbered = |number: u32| if number == 1 { name.clone() } else { format!("{name}_{number}") };
     // An endless series contains a free name.

@@ -1,5 +1,5 @@
-//! Producer side of saving: passes log rows to a separate thread, and the state to its writer. A full or slow disk does
-//! not delay the bus lines.
+//! Access to saved data: it passes log rows to a separate thread, and the state to its writer. Therefore a full or
+//! slow disk does not delay the bus lines.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -36,61 +36,64 @@ use stamps::{Stamped, Stamps};
 use thread::StorageThread;
 
 /// Minimum time between two regular saves of the state; a last save follows at the end. The logs are synchronised to
-/// disk at the same times. A power cut loses at most 10 s of the logs: this time, one step, and the delay of a slow
-/// disk.
+/// disk at the same times. After a power cut, at most the last 10 s of the logs are missing: this time, one step, and
+/// the delay of a slow disk.
 const REMEMBER_EVERY: Duration = Duration::from_secs(8);
 /// Maximum wait for the disk at the end of a run.
 const LAST_PATIENCE: Duration = Duration::from_secs(5);
-/// Maximum number of decision rows that wait for a slow disk. Further rows are dropped and counted.
+/// Maximum number of rows of the decision log that wait for a slow disk. Further rows are dropped and counted.
 const QUEUE: usize = 4096;
-/// Maximum number of output rows that wait for a slow disk. They do not reduce the number of waiting decision rows.
+/// Maximum number of rows of the output log that wait for a slow disk. They are counted separately from the rows of
+/// the decision log.
 const OUTPUT_QUEUE: usize = 4096;
 
-/// Access to the logs and to the saved state. Without a directory, nothing is saved.
+/// Access to the logs and to the saved state. Without a state directory, nothing is saved.
 #[derive(Default)]
 pub(in crate::gateway) struct Storage {
     queue: Option<SyncSender<QueuedJob>>,
     recorder: Option<Recorder>,
     pub(in crate::gateway) outputs: OutputsLog,
-    /// Number of decision rows that were dropped because the queue was full.
+    /// Number of rows of the decision log that were dropped because the queue was full.
     dropped: u64,
     remembered: Option<Moment>,
     /// Results of the sign checks, by axis.
     pub(in crate::gateway) signs: BTreeMap<String, SignMemory>,
-    /// Cz that the previous run left in the outputs, µm. Each is saved again until the register of the output has been
+    /// Last Cz of each output in the previous run, µm. It is saved again until the register of the output has been
     /// read.
     pub(in crate::gateway) left_um: BTreeMap<String, f64>,
-    /// For each output, in the order of the profile: Cz in the last saved state. `None` if that state contains no Cz of
+    /// Cz of each output in the last saved state, in the order of the profile. `None` if that state contains no Cz of
     /// the output.
     handed_over: Vec<Option<Micron>>,
     stamps: Stamps,
-    /// Day and file to which decision rows are written now. `None` before the first row.
+    /// Day and file of the rows that are now written to the decision log. `None` before the first row.
     begun: Option<(Date, Stamped)>,
-    /// Whether decision rows are missing on disk. A replay can then continue only at a row with the state of the axes.
+    /// Whether rows of the decision log are missing on disk. A replay can then continue only at a row with the state
+    /// of the axes.
     torn: Arc<AtomicBool>,
-    /// Connection from the event journal to the thread: new events wake the thread until the connection is dropped.
+    /// Connection from the event journal to the storage thread. New events wake the thread until the connection is
+    /// dropped.
     events: Option<EventsWake>,
-    /// Channel that the thread disconnects when it ends.
+    /// Channel that is disconnected when the storage thread ends.
     working: Option<Receiver<()>>,
     /// Writer of the state.
     writer: Option<Arc<Writer>>,
 }
 
-/// Returns the correction of the clock if its time does not continue after `last`, the newest time stamp in state or
-/// log: the time is earlier than `last`, or too much later.
+/// Returns a correction of the clock if the clock does not continue after `last`, the newest time stamp in state and
+/// logs. The present time is then earlier than `last`, or too much later. Otherwise returns `None`.
 pub(in crate::gateway) fn clock_correction(now: Moment, last: Option<Moment>) -> Option<Correction> {
     let last = last.filter(|last| Stop::between(*last, now).by_the_clock.is_none());
     last.map(|from| Correction { from, to: now })
 }
 
-/// Returns the newest time stamp in the logs of this machine. Logs from before a large correction of the clock are
-/// ignored. `None` if there is no log.
+/// Returns the newest time stamp in the logs of this machine; `None` if there is no log. Logs from before a large
+/// correction of the clock are ignored.
 pub(in crate::gateway) fn newest_stamp(directory: &Path, machine: &str, now: Moment) -> Option<Moment> {
     let newest = retention::newest_of_decisions(directory, machine, now);
     newest.iter().filter_map(|log| thread::last_stamp(log)).max()
 }
 
-/// Boxed job. The queue allocates its whole capacity at the start, so that small items save memory.
+/// Boxed job. The queue allocates memory for its maximum number of items at the start, so small items save memory.
 type QueuedJob = Box<Job>;
 
 #[derive(Debug)]
@@ -104,20 +107,20 @@ enum Job {
         at: Moment,
         stamped: Stamped,
         row: Vec<u8>,
-        /// Number of losses of rows of the output log before this row was made. After a loss on disk, rows that were
-        /// made before it are not written, because they cannot be replayed.
+        /// Number of losses of output-log rows before this row was created. After a loss, earlier rows that are still
+        /// in the queue are not written, because they cannot be replayed.
         tear: u64,
     },
-    /// Synchronise the written log rows to disk.
+    /// Synchronises the written log rows to disk.
     Sync {
         at: Moment,
     },
-    /// Write the events that are not on disk yet.
+    /// Writes the events that are not on disk yet.
     Events,
 }
 
 impl Storage {
-    /// Starts the thread for the logs of this machine, which are in this directory with its state.
+    /// Starts the thread that writes the logs of this machine. The logs are in the state directory.
     pub(in crate::gateway) fn start(
         profile: &Profile,
         (directory, writer): (&Path, Arc<Writer>),
@@ -147,13 +150,13 @@ impl Storage {
         Storage { queue, recorder, outputs, torn, events, working, stamps, writer, ..Storage::default() }
     }
 
-    /// Creates an access that saves only the state, and no logs.
+    /// Creates a `Storage` that saves only the state, and no logs.
     pub(in crate::gateway) fn without_log(writer: Arc<Writer>, clock: &Clock) -> Storage {
         Storage { writer: Some(writer), stamps: Stamps::by(clock, None), ..Storage::default() }
     }
 
-    /// Prepares the row of a step. If it is the first row of a file, or if earlier rows were lost, it also contains the
-    /// state of the axes. A replay can then begin at this row.
+    /// Prepares the log row of a step. If the row is the first row of a file, or if earlier rows were lost, it also
+    /// contains the state of the axes. A replay can then begin at this row.
     pub(in crate::gateway) fn prepare(&mut self, now: Moment, compensation: &Compensation) {
         let Some(recorder) = &mut self.recorder else { return };
         let stamped = self.stamps.check(now);
@@ -181,7 +184,7 @@ impl Storage {
         }
     }
 
-    /// Records that the operator has armed an axis, and has thus accepted the state that was in question.
+    /// Records that the operator has armed an axis. The saved state is then no longer in question.
     pub(in crate::gateway) fn answered(&self) {
         if let Some(writer) = &self.writer {
             writer.question().close();
@@ -193,7 +196,7 @@ impl Storage {
         self.writer.as_ref().is_some_and(|writer| writer.question().is_open())
     }
 
-    /// Returns whether nothing is saved.
+    /// Returns whether this run saves nothing.
     pub(in crate::gateway) fn keeps_nothing(&self) -> bool {
         self.writer.is_none()
     }
@@ -216,8 +219,8 @@ impl Storage {
         self.remembered = None;
     }
 
-    /// Returns whether the last saved state contains the Cz of an output, or a Cz that differs from the next one by at
-    /// most one step. `written` is the present Cz, `decided` the next one.
+    /// Returns whether the Cz of an output in the last saved state is close enough for the next write. It must be
+    /// equal to `written` (the present Cz), or differ from `decided` (the next Cz) by at most one step.
     pub(in crate::gateway) fn is_within_a_step(
         &self,
         id: OutputId,
@@ -229,7 +232,7 @@ impl Storage {
             || known.is_some_and(|known| known == written || (decided - known).abs() <= step)
     }
 
-    /// Saves the state, if this is urgent or the last save was long enough ago.
+    /// Saves the state, if this is urgent, or if the last save is long enough ago.
     pub(in crate::gateway) fn remember(
         &mut self,
         (now, is_urgent): (Moment, bool),
@@ -270,7 +273,7 @@ impl Storage {
         self.dropped + self.outputs.dropped
     }
 
-    /// Queues a job for the thread. Returns `false` if the queue is full; the job is then lost.
+    /// Queues a job for the storage thread. Returns `false` if the queue is full. The job is then lost.
     fn hand_over(&mut self, job: Job) -> bool {
         // A full queue means that the disk has failed for a long time, which was reported.
         let Some(queue) = &self.queue else { return false };

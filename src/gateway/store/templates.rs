@@ -1,5 +1,5 @@
-//! Templates of the last run. A template that has changed since then, for example after an upgrade of isotherm, is
-//! reported.
+//! Device templates as the last run used them. A template that has changed since then is reported, for example after
+//! an upgrade of isotherm.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -10,10 +10,11 @@ use isotherm_profile::{Profile, template};
 /// Maximum number of reported changes of one template.
 const SHOWN: usize = 6;
 
-/// Text of each template, by its name.
+/// Text of each template. The key is the name of the template.
 type Texts = BTreeMap<String, String>;
 
-/// Returns the templates that have changed since the last run: the name of each, and its changes in one line.
+/// Returns name and changes of each template that has changed since the last run. The changes are in one line of
+/// text.
 pub fn changed(directory: &Path, profile: &Profile) -> Vec<(String, String)> {
     let before = kept(&path(directory, profile)).unwrap_or_default();
     let changed = texts(profile).into_iter().filter_map(|(name, now)| {
@@ -29,7 +30,8 @@ pub fn changed(directory: &Path, profile: &Profile) -> Vec<(String, String)> {
     changed.collect()
 }
 
-/// Saves the templates of this run in a separate thread. A failure has no effect except that changes are not reported.
+/// Saves the templates of this run in a separate thread. If this fails, the next run does not report changed
+/// templates.
 pub(in crate::gateway) fn keep(directory: &Path, profile: &Profile) {
     let (path, now) = (path(directory, profile), texts(profile));
     if kept(&path).unwrap_or_default() == now {

@@ -65,7 +65,6 @@ pub enum Failure {
 /// the gateway to the user.
 ///
 /// # Errors
-///
 /// No gateway runs at this socket, it refuses the command, or it does not answer.
 pub fn send(path: &Path, command: Command, axis: Option<&str>) -> Result<Answer, Failure> {
     Ok(ask(path, &with_axis(command.name(), axis), ANSWER_TIMEOUT)?.0)

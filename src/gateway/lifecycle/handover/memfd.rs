@@ -156,7 +156,6 @@ impl Handover {
     /// axes.
     ///
     /// # Errors
-    ///
     /// Those of [`Handover::seal`], or the disk does not store the digest.
     pub(in crate::gateway) fn rehearse(path: &Path) -> io::Result<()> {
         // Another name is used, because a handover may be under way.

@@ -74,7 +74,6 @@ impl KeptProfile {
     /// Creates the memory that a checking program receives as standard output.
     ///
     /// # Errors
-    ///
     /// The system cannot create the memory.
     pub(in crate::gateway) fn offer() -> io::Result<File> {
         memory::create(ANSWER)
@@ -113,7 +112,6 @@ impl KeptProfile {
     /// Returns the sources. The caller can load the profile from them.
     ///
     /// # Errors
-    ///
     /// The sources have the format of another version.
     pub fn sources(&self) -> io::Result<Sources> {
         Sources::open(self.memory.try_clone()?, self.seal.length)

@@ -1,5 +1,6 @@
-//! Backup of the directory `NAME.products`: the products of each run, and for each axis the judged days and the
-//! candidate. A restored machine continues to learn from them, because a backup contains no logs.
+//! Backup of the directory `NAME.products`. It contains the products (results) of each run, and for each axis the
+//! judged days and the candidate (proposed model). They are in a backup because a restored machine needs them to
+//! continue learning, and a backup contains no logs.
 
 use std::io::ErrorKind;
 use std::path::Path;
@@ -7,21 +8,21 @@ use std::path::Path;
 use crate::gateway::store::candidates;
 use isotherm_profile::safe_file;
 
-/// Largest size of one file, in bytes.
+/// Maximum size of one file, in bytes.
 const LARGEST_FILE: u64 = 16 * 1024 * 1024;
-/// Longest name of a file, in bytes: an archive in the format ustar has room for no more.
+/// Maximum length of a file name, in bytes. A name in an archive of the format ustar cannot be longer.
 const LONGEST_NAME: usize = 100;
-/// End of the name of a file with the products of a run.
+/// Last part of the name of a file with the products of a run.
 const RUN: &str = ".products.json";
-/// Ends of the names of the other files. Each axis has one file of each kind.
+/// Last parts of the names of the other files. Each axis has one file of each kind.
 const OTHERS: [&str; 2] = [".learning.json", ".candidate.json"];
 
-/// Limits of the files of learning in a backup.
+/// Maximum number and size of the files of learning in a backup.
 #[derive(Clone, Copy, Debug)]
 pub struct Limits {
-    /// Largest number of files.
+    /// Maximum number of files.
     pub files: usize,
-    /// Largest total size, in bytes.
+    /// Maximum total size of the files, in bytes.
     pub bytes: u64,
 }
 
@@ -30,14 +31,14 @@ pub struct Limits {
 pub struct TakenProducts {
     /// Names and contents of the files.
     pub files: Vec<(String, Vec<u8>)>,
-    /// Number of the oldest runs that are left out, because they exceed the limits.
+    /// Number of the oldest runs that the backup does not contain, because the limits are reached.
     pub older: usize,
     /// Sentences about files that cannot be saved.
     pub unusable: Vec<String>,
 }
 
-/// Reads the files that learning has written for a machine. If they exceed the limits, the newest runs of all axes are
-/// kept. `isotherm learn` may run meanwhile.
+/// Reads the files that learning has written for a machine. If the files exceed the limits, only the newest runs are
+/// read. `isotherm learn` may run at the same time.
 ///
 /// # Errors
 /// The directory cannot be read. The error is a sentence.
@@ -77,7 +78,7 @@ pub fn is_name(name: &str) -> bool {
     has_ending && name.len() <= LONGEST_NAME && !name.starts_with('.') && name.chars().all(is_safe)
 }
 
-/// Returns the names of the files in the directory; no names if the directory does not exist.
+/// Returns the names of the files in the directory. The list is empty if the directory does not exist.
 fn names(place: &Path) -> Result<Vec<String>, String> {
     let wrong = |error: std::io::Error| format!("{} cannot be read: {error}", place.display());
     let entries = match std::fs::read_dir(place) {
@@ -93,13 +94,13 @@ fn names(place: &Path) -> Result<Vec<String>, String> {
     Ok(names)
 }
 
-/// Returns the part of a file name after its axis. The part begins with the time of the run.
+/// Returns the part of a file name after the axis name. It begins with the time of the run.
 fn time_of(name: &str) -> &str {
     name.split_once('@').map_or("", |(_, time)| time)
 }
 
-/// Reads a file. `None` if the file was removed in the meantime, or cannot be saved. In the second case, a sentence is
-/// added to `unusable`.
+/// Reads a file. `None` if the file no longer exists, or cannot be part of a backup. In the second case, a sentence
+/// is added to `unusable`.
 fn read(place: &Path, name: &str, unusable: &mut Vec<String>) -> Option<Vec<u8>> {
     let path = place.join(name);
     let why = if is_name(name) {

@@ -1,5 +1,5 @@
-//! Format of the state document: version, seal (checksum, origin and save number), state and outputs, with each output
-//! on a separate line.
+//! Format of the state document: version, seal (checksum, origin and save number), state and outputs. Each output is
+//! on a separate line of the file.
 
 use std::fmt;
 use std::io::{ErrorKind, Write};
@@ -12,9 +12,9 @@ use super::Content;
 use super::entry::{Entries, misfit};
 use isotherm_core::quantity::Moment;
 
-/// Layout of the documents that this program writes.
+/// Layout number of the documents that this program writes.
 pub(super) const VERSION: u32 = 6;
-/// Older layout without registers and addresses, which this program can read.
+/// Older layout number, which this program can still read. Such documents do not contain registers and addresses.
 const WITHOUT_PLACES: u32 = 5;
 /// CRC-32 as in Ethernet and gzip (ITU-T V.42).
 const CHECKSUM: Crc<u32, Table<16>> = Crc::<u32, Table<16>>::new(&CRC_32_ISO_HDLC);
@@ -32,13 +32,14 @@ struct Document {
     outputs: Entries,
 }
 
-/// Version field, which documents of every layout have.
+/// Version field of a document. Documents of every layout contain this field.
 #[derive(Deserialize)]
 struct Versioned {
     version: u32,
 }
 
-/// Seal of a document: checksum, origin and save number, by which damage and older copies are detected; see [`super`].
+/// Seal of a document: checksum, origin and save number. It shows whether the document is damaged or an older copy;
+/// see [`super`].
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(in crate::gateway) struct Seal {
@@ -54,11 +55,11 @@ pub(in crate::gateway) struct Seal {
 /// Reason why a document is rejected.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(in crate::gateway) enum DocumentRejection {
-    /// A later version of isotherm has written the document; contains its layout.
+    /// A later version of isotherm has written the document. The number is the layout of the document.
     Later(u32),
-    /// An earlier version of isotherm has written the document; contains its layout.
+    /// An earlier version of isotherm has written the document. The number is the layout of the document.
     Earlier(u32),
-    /// Another reason, as a clause.
+    /// Another reason, as a part of a sentence.
     Because(String),
 }
 
@@ -118,8 +119,8 @@ pub(in crate::gateway) fn read(bytes: &[u8], machine: &str) -> Result<(Seal, Con
     }
 }
 
-/// Parses a document. If that fails, the error depends on the document's version: later or earlier than `version`, or
-/// damaged.
+/// Parses a document. If the document cannot be parsed, the error says why: a later layout than `version`, an earlier
+/// layout, or damage.
 pub(super) fn parse<'a, T: Deserialize<'a>>(bytes: &'a [u8], version: u32) -> Result<T, DocumentRejection> {
     if bytes.is_empty() {
         return Err(DocumentRejection::Because("the file is empty".to_owned()));

@@ -1,6 +1,6 @@
-//! Documents of an earlier version of isotherm, which saved state and register ledger separately: `NAME.state.json` of
-//! layout 4, and `NAME.ledger.json` of layout 3. Each contains the last known number of the other document. A document
-//! with a smaller number is rejected.
+//! Documents of an earlier version of isotherm, which saved state and register ledger separately: `NAME.state.json`
+//! of layout 4, and `NAME.ledger.json` of layout 3. Each document contains the last known save number of the other
+//! document. A document whose save number is smaller is rejected.
 
 use std::path::{Path, PathBuf};
 
@@ -13,7 +13,7 @@ use super::{Content, FoundDocuments, by_name, path, read};
 use crate::gateway::store::disk::Disk;
 use isotherm_core::quantity::Moment;
 
-/// Layouts of the state file and of the register ledger's file.
+/// Layout numbers of the state file and of the register ledger's file.
 const LAYOUTS: [u32; 2] = [4, 3];
 const KINDS: [&str; 2] = ["state", "ledger"];
 
@@ -38,8 +38,8 @@ struct FormerSeal {
     in_question: bool,
 }
 
-/// Returns the paths of the register ledger's file: the usual path, and the path after the start of a run that could
-/// write nothing.
+/// Returns two possible paths of the register ledger's file. The second path was used after the start of a run that
+/// could write nothing.
 pub(super) fn ledgers(directory: &Path, machine: &str) -> [PathBuf; 2] {
     ["ledger.json", "ledger.begun.json"].map(|ending| directory.join(format!("{machine}.{ending}")))
 }
@@ -79,8 +79,8 @@ fn document(bytes: &[u8], place: usize, machine: &str) -> Result<Document, Docum
     }
 }
 
-/// Returns a clause if the documents do not match: one is missing, is an older copy, or comes from elsewhere. `None` if
-/// they match.
+/// Returns a part of a sentence if the two documents do not match: one is missing, is an older copy, or comes from
+/// another computer. `None` if they match.
 fn assess(both: &[Option<Document>; 2]) -> Option<&'static str> {
     let seal = |place: usize| both[place].as_ref().map(|document| &document.seal);
     let number = |place: usize| seal(place).map_or(0, |seal| seal.number);

@@ -1,4 +1,4 @@
-//! Entry of one output in the register ledger, a part of the state document.
+//! Entry of one output in the register ledger, which is a part of the state document.
 
 use std::collections::BTreeMap;
 
@@ -8,13 +8,13 @@ use isotherm_core::output;
 use isotherm_core::place::OutputPlace;
 use isotherm_core::quantity::Counts;
 
-/// Maximum count of a valid entry. No register can hold more.
+/// Maximum number of counts in a valid entry. It is larger than the value of any register.
 const MOST: u64 = 1 << 40;
 
 /// Entries of the register ledger, by the names of the outputs.
 pub(in crate::gateway) type Entries = BTreeMap<String, Entry>;
 
-/// Entry of the register ledger: register of one output, and the saved data of that register.
+/// Entry of the register ledger: the register of one output, and the saved data about that register.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(in crate::gateway) struct Entry {
@@ -33,13 +33,13 @@ impl Entry {
         Entry { place: Some(place), register: None, kept }
     }
 
-    /// Returns whether the entry belongs to the register of `place`, and its counts are valid.
+    /// Returns whether the entry belongs to the register `place`, and all its counts are valid.
     pub(in crate::gateway) fn lies_at(&self, place: &OutputPlace) -> bool {
         self.place.as_ref().is_some_and(|known| known.is_same_register(place)) && all_fit(&self.kept)
     }
 
-    /// Returns whether the entry belongs to the register of `place`. `in_words` is the text by which layout 5
-    /// identifies this register.
+    /// Returns whether the entry belongs to the register `place`. `in_words` is the text that identifies this
+    /// register in a document of layout 5.
     pub(in crate::gateway) fn is_of(&self, place: &OutputPlace, in_words: &str) -> bool {
         match (&self.place, &self.register) {
             (Some(known), _) => known.is_same_register(place),
@@ -48,7 +48,8 @@ impl Entry {
     }
 }
 
-/// Returns a clause about an entry whose counts no register can hold. `None` if all entries are valid.
+/// Returns a part of a sentence about an entry with counts that are too large for a register. `None` if all entries
+/// are valid.
 pub(super) fn misfit(entries: &Entries) -> Option<String> {
     let (name, _) = entries.iter().find(|(_, entry)| !all_fit(&entry.kept))?;
     Some(format!("the number of counts for {name} is larger than any register can contain"))

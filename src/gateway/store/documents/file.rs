@@ -1,4 +1,4 @@
-//! State document on disk. Each save renders only the parts that have changed.
+//! Files of the state document and of its save number. Each save converts only the changed parts to JSON.
 
 use std::collections::BTreeMap;
 use std::io::{Error, ErrorKind, Result};
@@ -14,7 +14,7 @@ use super::entry::Entry;
 use super::number::{self, Number};
 use crate::gateway::store::disk::Disk;
 
-/// Files of the state document and of its number.
+/// File of the state document, and file of its save number.
 pub(in crate::gateway) struct StoreFile {
     disk: Arc<dyn Disk>,
     document: PathBuf,
@@ -22,22 +22,22 @@ pub(in crate::gateway) struct StoreFile {
     /// Seal (checksum, origin and save number) of the document that is on disk.
     pub(super) seal: Seal,
     question: OpenQuestion,
-    /// State and outputs as JSON. The state is empty until it is saved for the first time.
+    /// State and outputs as JSON. `state` is empty until a state is saved for the first time.
     state: Vec<u8>,
     outputs: BTreeMap<String, Vec<u8>>,
-    /// Files that are renamed before the document is replaced, so that they are not lost: old path and new path.
+    /// Files that must be kept under another name before the document is replaced: old path and new path.
     aside: Vec<(PathBuf, PathBuf)>,
     /// Files of an earlier version of isotherm, which are removed after the first save.
     former: Vec<PathBuf>,
-    /// Whether the number is saved with the next document.
+    /// Whether the save number must be written with the next document.
     is_number_due: bool,
-    /// Whether the document on disk is of a later version of isotherm. It is then never replaced.
+    /// Whether a later version of isotherm has written the document on disk. Such a document is never replaced.
     is_of_a_later_version: bool,
 }
 
 impl StoreFile {
-    /// Creates the files of a run that has not saved anything yet. `aside`: files to rename before the first save.
-    /// `former`: files to remove after the first save.
+    /// Creates the files of a run that has not saved anything yet. `aside`: files that are renamed before the first
+    /// save. `former`: files that are removed after the first save.
     pub(super) fn new(
         disk: Arc<dyn Disk>,
         (document, number): (PathBuf, PathBuf),
@@ -60,7 +60,7 @@ impl StoreFile {
         }
     }
 
-    /// Renders the state for the next save, which also saves the number.
+    /// Converts the state to JSON for the next save. The next save also writes the save number.
     pub(in crate::gateway) fn set_state(&mut self, state: &impl Serialize) {
         // Numbers and texts always have a JSON form.
         if let Ok(state) = serde_json::to_vec(state) {
@@ -68,14 +68,14 @@ impl StoreFile {
         }
     }
 
-    /// Renders the register ledger's entry of an output (saved account of its register) for the next save.
+    /// Converts the register ledger's entry of an output (saved account of its register) to JSON for the next save.
     pub(in crate::gateway) fn set_output(&mut self, name: &str, entry: &Entry) {
         if let Ok(entry) = serde_json::to_vec(entry) {
             self.outputs.insert(name.to_owned(), entry);
         }
     }
 
-    /// Saves the document. When the function returns without an error, the document is on disk.
+    /// Saves the document. If the function returns no error, the document is on disk.
     pub(in crate::gateway) fn save(&mut self) -> Result<()> {
         if self.is_of_a_later_version {
             let text = format!("{} is of a later version of the program", self.document.display());
@@ -95,7 +95,7 @@ impl StoreFile {
         Ok(())
     }
 
-    /// Saves the number of the document to `NAME.number`, if a state was saved or that file was removed.
+    /// Writes the document's save number to `NAME.number`, if a state was saved or that file no longer exists.
     pub(in crate::gateway) fn save_number(&mut self) -> Result<()> {
         if self.is_number_due || !self.disk.has(&self.number) {
             self.is_number_due = true;
@@ -107,8 +107,8 @@ impl StoreFile {
         Ok(())
     }
 
-    /// Renames the file `NAME.number`, as a mark that a run has begun although it can write nothing. Returns whether
-    /// the files on disk no longer claim that all writes of the previous run have arrived.
+    /// Renames the file `NAME.number` to mark that a run has begun which can write nothing. The files on disk would
+    /// otherwise claim that all writes of the previous run have arrived. Returns whether they no longer claim this.
     pub(in crate::gateway) fn mark_begun(&self) -> bool {
         let begun = number::begun(&self.number);
         self.disk.rename(&self.number, &begun).is_ok()

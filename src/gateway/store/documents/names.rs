@@ -1,5 +1,6 @@
-//! Conversion between indices and names. The compensation identifies signals and axes by their indices in the profile.
-//! The state document contains their names, so that a profile may change between two runs.
+//! Conversion between indices and names of signals and axes in the saved state. The compensation identifies signals
+//! and axes by their indices in the profile. The state document contains their names, so that a profile may change
+//! between two runs.
 
 use std::collections::HashMap;
 
@@ -13,15 +14,15 @@ use isotherm_core::compensation::reference::Capture;
 /// Keys of the lists in the saved state that have one item for each signal.
 const BY_SIGNAL: [&str; 2] = ["start", "zero"];
 
-/// Places of the terms of learned models in the state of an axis.
+/// JSON pointers to the terms of learned models in the state of an axis.
 const LEARNED_TERMS: [&str; 3] = [
     "/preference/preferred/learned/terms",
     "/preference/before/learned/terms",
     "/preference/waiting/to/learned/terms",
 ];
 
-/// State of the compensation with the names of signals and axes. The lists that have one item for each signal are
-/// written without a copy, because a machine may have thousands of signals.
+/// State of the compensation with the names of signals and axes. Long lists (one item for each signal) are written
+/// without a copy, because a machine may have thousands of signals.
 #[derive(Debug)]
 pub(in crate::gateway) struct NamedMachine<'n> {
     rest: Value,
@@ -30,11 +31,11 @@ pub(in crate::gateway) struct NamedMachine<'n> {
     signals: Vec<&'n str>,
 }
 
-/// Names of the signals, and one value for each signal.
+/// Names of the signals, and a list with one value for each signal.
 struct ByName<'n, T>(&'n [&'n str], &'n [T]);
 
 impl<'n> NamedMachine<'n> {
-    /// Creates the state with these names of the signals, in the order of their indices.
+    /// Converts a state to the form with names. `signals` contains the names in the order of the indices.
     pub(in crate::gateway) fn of(
         mut remembered: Remembered,
         signals: Vec<&'n str>,
@@ -66,7 +67,7 @@ impl<T: Serialize> Serialize for ByName<'_, T> {
     }
 }
 
-/// Replaces the indices of signals by their names, and the list of axes by a map with their names.
+/// Replaces the indices of signals by signal names. Replaces the list of axes by a map whose keys are the axis names.
 pub(in crate::gateway) fn by_name(machine: &mut Value, signals: &[impl AsRef<str>]) {
     for key in BY_SIGNAL {
         let values = machine[key].as_array_mut().map(std::mem::take).unwrap_or_default();
@@ -84,7 +85,7 @@ pub(in crate::gateway) fn by_name(machine: &mut Value, signals: &[impl AsRef<str
     machine["axes"] = named.collect::<Map<_, _>>().into();
 }
 
-/// Replaces names of signals by their present indices. Data of a signal that no longer exists are removed.
+/// Replaces the names of signals by their present indices. Removes the data of signals that no longer exist.
 pub(in crate::gateway) fn by_place(machine: &mut Value, signals: &[&str]) {
     // A new signal has captured nothing.
     let nothing = serde_json::json!({ "value": null, "gathering": null });
@@ -103,8 +104,7 @@ pub(in crate::gateway) fn by_place(machine: &mut Value, signals: &[&str]) {
     machine["axes"] = axes.into_iter().map(|(_, axis)| axis).collect();
 }
 
-/// Applies `by` to each signal in the state of an axis: those of its lags, of models with stand-ins, and of learned
-/// models.
+/// Applies `by` to each signal in the state of an axis: in its lags, in models with stand-ins, and in learned models.
 fn replace_signals(axis: &mut Value, by: impl Fn(&Value) -> Option<Value>) {
     let replace = |signal: &mut Value| by(signal).map(|other| *signal = other).is_some();
     if let Some(lags) = axis["lags"].as_array_mut() {

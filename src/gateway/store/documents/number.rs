@@ -1,8 +1,8 @@
 //! File `NAME.number` next to the state document: one line with the save number of the document, the time of the first
 //! document, and a checksum.
 //!
-//! If a run can write nothing at its start, it renames this file. The new name shows that the document is out of date:
-//! writes of this run may still arrive at a register.
+//! If a run cannot write files at its start, it renames this file. The new name shows that the document is out of
+//! date, because writes of that run may still arrive at a register.
 
 use std::path::{Path, PathBuf};
 
@@ -11,7 +11,7 @@ use super::read;
 use crate::gateway::store::disk::Disk;
 use isotherm_core::quantity::Moment;
 
-/// Content of `NAME.number`: the save number of the document that was saved last.
+/// Content of `NAME.number`: the save number of the last saved document.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(in crate::gateway) struct Number {
     pub(in crate::gateway) number: u64,
@@ -38,13 +38,13 @@ pub(in crate::gateway) fn path(directory: &Path, machine: &str) -> PathBuf {
     directory.join(format!("{machine}.number"))
 }
 
-/// Returns the new path that `NAME.number` gets when a run can write nothing at its start.
+/// Returns the path to which a run renames `NAME.number` if it cannot write files at its start.
 pub(super) fn begun(path: &Path) -> PathBuf {
     path.with_added_extension("begun")
 }
 
-/// Reads `NAME.number`, the file with the save number of the state document. Returns its path, and the number; `None`
-/// if there is no file. The error is a clause about a number that is rejected.
+/// Reads `NAME.number`, the file with the save number of the state document. Returns the path of the file and the
+/// number; `None` if the file does not exist. If the number is rejected, the error is a part of a sentence.
 pub(in crate::gateway) fn read_number(
     disk: &dyn Disk,
     directory: &Path,
@@ -62,8 +62,8 @@ pub(in crate::gateway) fn read_number(
     (path, found)
 }
 
-/// Compares a document with the save number in `NAME.number`. Returns a clause if they do not match. `has_logs` states
-/// that an earlier run has left logs in the directory.
+/// Compares a document with the save number in `NAME.number`. Returns a part of a sentence if they do not match.
+/// `has_logs`: whether the directory contains logs of an earlier run.
 pub(super) fn assess(document: Option<&Seal>, number: Option<Number>, has_logs: bool) -> Option<String> {
     match (document, number) {
         (None, None) => {

@@ -1,8 +1,9 @@
 //! Writer of the state document, on a separate thread, so that a slow disk never delays a bus line.
 //!
-//! The writer always saves the newest version, and reports which version is on disk. A write to a register that depends
-//! on a version waits for it, for a short time. If the time is over, the next turn of the output (work of the line task
-//! on it) checks again. A simulation has no such thread: the caller saves the document at once.
+//! The writer always saves the newest version, and reports which version is on disk. If a write to a register depends
+//! on a version, the line task waits a short time until this version is on disk. If it is not on disk then, the next
+//! turn of the output (work of the line task on it) checks again. A simulation has no such thread: the caller saves
+//! the document at once.
 
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -17,11 +18,11 @@ use crate::fieldbus::explain::explain_system;
 use crate::gateway::store::memory::Memory;
 use crate::observe::events::{Event, Journal};
 
-/// Second half of the message about a state that cannot be saved: what this means for the registers.
+/// Second part of the message that the state cannot be saved: the consequences for the registers.
 const OTHERWISE: &str = "shared and unreadable registers are not written; after the next start, the gateway \
                          first waits until no earlier write can arrive";
 
-/// Result of saving a version.
+/// Result of saving one version of the document.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(in crate::gateway) enum SaveResult {
     /// This version, or a newer one, is on disk.
@@ -32,19 +33,19 @@ pub(in crate::gateway) enum SaveResult {
     No,
 }
 
-/// Writer of the state document. A separate thread, or in a simulation the caller, does the work.
+/// Writer of the state document. A separate thread saves the document. In a simulation, the caller saves it.
 pub(in crate::gateway) struct Writer {
     shared: Arc<Shared>,
-    /// File that the caller saves to; `None` if a thread saves it.
+    /// File to which the caller saves; `None` if a separate thread saves.
     here: Option<Mutex<Saving>>,
     done: watch::Receiver<SavedVersions>,
     question: OpenQuestion,
-    /// Whether the disk did not answer in time at the last wait. Until it answers, callers do not wait for it.
+    /// Whether the last wait for the disk timed out. Further calls then do not wait until the disk has answered.
     is_slow: AtomicBool,
 }
 
 /// Progress of saving. `kept`: newest version on disk. `failed`: newest version that could not be saved. `settled`:
-/// newest version for which saving `NAME.number`, too, was tried.
+/// newest version whose document and `NAME.number` were saved, or could not be saved.
 #[derive(Clone, Copy, Debug, Default)]
 struct SavedVersions {
     kept: u64,
@@ -100,8 +101,8 @@ impl Writer {
         Writer { shared, here, done, question, is_slow: AtomicBool::new(false) }
     }
 
-    /// Saves the register ledger's entry of an output. Returns the version of the document that contains it, for
-    /// [`kept`](Writer::kept).
+    /// Saves an output's entry in the register ledger. Returns the version of the document that contains the entry.
+    /// The caller can wait for this version with [`kept`](Writer::kept).
     pub(in crate::gateway) fn keep(&self, output: String, entry: Entry) -> u64 {
         self.put(|newest| drop(newest.outputs.insert(output, entry)))
     }
@@ -125,9 +126,9 @@ impl Writer {
         newest.version
     }
 
-    /// Waits until a version is on disk, for at most `span` of wall-clock time. If the disk did not answer in time at
-    /// an earlier call, this call does not wait. With a virtual clock it still waits for a part of `span`, because
-    /// simulated seconds pass while the disk is only busy.
+    /// Waits until a version is on disk, for at most `span` of wall-clock time. Does not wait if the last wait timed
+    /// out. With a virtual clock, it waits for a part of `span` even then, because simulated time passes faster than
+    /// the disk works.
     pub(in crate::gateway) async fn kept(&self, version: u64, span: Duration, clock: &Clock) -> SaveResult {
         let mut done = self.done.clone();
         let is_done = |done: &SavedVersions| done.kept >= version || done.failed >= version;
@@ -147,7 +148,7 @@ impl Writer {
         }
     }
 
-    /// Waits until document and number are saved at the end of a run, for at most `span`.
+    /// Waits until the document and its save number are saved at the end of a run, for at most `span`.
     pub(in crate::gateway) async fn finish(&self, span: Duration) {
         let version = self.shared.newest().version;
         let mut done = self.done.clone();

@@ -1,4 +1,4 @@
-//! Logs of decisions in a state directory, and the type of their columns, for programs that copy logs.
+//! Decision logs in a state directory, and the data types of their columns, for programs that copy logs.
 
 use std::path::{Path, PathBuf};
 
@@ -6,8 +6,8 @@ use super::columns::{CLOCK, DECIDED, MEMORY, PERMIT, PREFERRED, STOOD_IN, ZERO};
 use super::outputs::ENDING;
 use crate::gateway::store::storage::retention::logs;
 
-/// Returns the days for which there are logs of this machine, oldest first, with the paths of the logs. The logs of one
-/// day are in the order in which they were begun.
+/// Returns the days with logs of this machine, oldest first, and the paths of the logs of each day. The logs of one
+/// day are in the order of their beginning.
 pub fn days(directory: &Path, machine: &str) -> Vec<(String, Vec<PathBuf>)> {
     let mut days: Vec<(String, Vec<PathBuf>)> = Vec::new();
     let mut logs = logs(directory, machine);
@@ -28,8 +28,8 @@ fn number(name: &str) -> u32 {
     name.trim_end_matches(".csv").rsplit_once('.').and_then(|(_, number)| number.parse().ok()).unwrap_or(1)
 }
 
-/// Returns whether the column contains text; all other columns contain numbers. `columns` are all columns of the log,
-/// because a signal's name may end like the column of an axis, for example `bed_state`.
+/// Returns whether a column contains text; all other columns contain numbers. `columns` contains all columns of the
+/// log. It is needed because a signal's name may look like a column of an axis, for example `bed_state`.
 pub fn is_text(column: &str, columns: &[&str]) -> bool {
     let [_, _, model, state, acted] = DECIDED;
     let is_of_an_axis = |word: &str| {

@@ -1,5 +1,5 @@
 //! Log of the outputs: CSV with one row for each input of an output controller. [`OutputReplay`] calculates the same
-//! actions from it.
+//! actions from the log.
 //!
 //! ```text
 //! time, output, fact, value, moment, action, action_value, action_until, detail
@@ -7,8 +7,8 @@
 //!
 //! - `time`: when the controller received the input; RFC 3339 in UTC with every nanosecond, like all moments here.
 //! - `output`: name of the output in the profile.
-//! - `fact`: the input ([`Input`](isotherm_core::output::Input)), with `value` and `moment` if it has them. Values are
-//!   counts of the register. An empty moment stands for no limit of time.
+//! - `fact`: the input ([`Input`](isotherm_core::output::Input)), with `value` and `moment` if it has them. Values
+//!   are counts of the register. An empty moment means that there is no time limit.
 //! - `action`: the next action ([`Action`](isotherm_core::output::Action)): nothing, until `action_until`; read; keep;
 //!   write `action_value`; or repeat, which writes the present register value again. The first byte of a write may be
 //!   sent until `action_until`.
@@ -25,9 +25,10 @@
 //! | `applied` | the value that the control applies, in thousandths of a count; empty if it is no number | time of the request |
 //! | `applied-no-answer` | | time of the request |
 //!
-//! `begin` is no input: the controller resumes from the settings and the state in `detail` (JSON). It is the first row
-//! of each output in a file and in a run. It is also the first row after rows that a disk did not store. Therefore each
-//! file can be replayed by itself. An input that changed nothing and caused no action is left out.
+//! `begin` is not an input: the controller continues from the settings and the state in `detail` (JSON). `begin` is
+//! the first row of each output in a file and in a run. It is also the first row after rows that the disk did not
+//! store. Therefore each file can be replayed by itself. An input that changed nothing and caused no action is left
+//! out.
 //!
 //! Outputs of an output set (outputs that are written together) have rows under the name of the set. `set-begin` has
 //! settings and state of the set in `detail`. `set` has the input of its controller
@@ -45,8 +46,8 @@
 //! number in `value`, counted since `moment`, over one minute or more. If a file begins because the computer's clock
 //! was set, its first row is `clock`, with the old and the new time.
 //!
-//! Earlier versions wrote two more rows. `cz`, of a corrected position, has a changed Cz in `value`, µm. `sealed`, of
-//! no output, has the save numbers of state and register ledger. A replay ignores them.
+//! Earlier versions wrote two more kinds of rows, which a replay ignores. `cz`, of a corrected position, has a
+//! changed Cz in `value`, µm. `sealed`, without an output, has the save numbers of state and register ledger.
 
 mod cells;
 mod controllers;

@@ -20,7 +20,7 @@ use isotherm_core::reading::{Reading, Reason};
 use isotherm_profile::safe_file::{self, Lines, quoted};
 use isotherm_profile::{Axis, Profile};
 
-/// Column of a log from elsewhere: measured error of an axis.
+/// Column for the measured error of an axis, in a log that another program has written.
 const ERROR: &str = "error_um";
 
 /// Error in a log, with its position.
@@ -29,7 +29,7 @@ const ERROR: &str = "error_um";
 pub struct LogError {
     /// Name of the log.
     pub file: String,
-    /// Number of the line. The header is line 1.
+    /// Number of the line in the file. The header is line 1.
     pub line: u64,
     /// Name of the log column; `None` if the error belongs to no column.
     pub column: Option<String>,
@@ -37,29 +37,28 @@ pub struct LogError {
     pub message: String,
 }
 
-/// Properties of a log that its rows do not contain.
+/// Properties of a log file that are not in its rows.
 #[derive(Clone, Debug, Default)]
 pub struct Recording<'a> {
     /// Name of the log, as messages show it.
     pub name: &'a str,
-    /// Time zone of times without an offset from UTC; `None` rejects such times.
+    /// Time zone for times without an offset from UTC. With `None`, such times are rejected.
     pub zone: Option<TimeZone>,
-    /// Decimal mark of the numbers; `None` if it is detected from the numbers.
+    /// Decimal mark of the numbers. With `None`, the mark is detected from the numbers.
     pub decimal: Option<DecimalMark>,
-    /// Order of day and month in dates; `None` if it is detected from the dates.
+    /// Order of day and month in dates. With `None`, the order is detected from the dates.
     pub dates: Option<DateOrder>,
-    /// Unit of times that are numbers; `None` if the name of the column states the unit.
+    /// Unit of times that are numbers. `None` if the column name contains the unit.
     pub time_unit: Option<TimeUnit>,
-    /// Cells of the first rows. They show the order of day and month, and whether a mark before three digits is a
-    /// decimal mark.
+    /// Cells of the first rows. The reader detects two facts from them: the order of day and month, and whether a
+    /// mark before three digits is a decimal mark.
     pub first_rows: Vec<Vec<String>>,
-    /// Numbers of lines of the file that the reader does not get: before the column names, and between the names and
-    /// the first row.
+    /// Numbers of lines of the file that were removed: before the line with the column names, and after it.
     pub left_out: [u64; 2],
-    /// For each column of measured errors: lines with an implausible value, which no sensor has measured. The lines are
-    /// in ascending order.
+    /// Lines with an implausible value, for each column of measured errors. Such a value was not measured by a
+    /// sensor. The lines are in ascending order.
     pub implausible: HashMap<String, Vec<u64>>,
-    /// Remarks about the file that were made before its rows are read.
+    /// Warnings about the file from the time before its rows are read.
     pub remarks: Vec<String>,
 }
 
@@ -75,12 +74,12 @@ impl<'a> From<(&'a str, Option<TimeZone>)> for Recording<'a> {
     }
 }
 
-/// Row of a log: the state of the machine at one moment.
+/// Row of a log: the state of the machine at one time.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct LogRow {
-    /// Number of the row's line in the log file.
+    /// Number of the line in the log file at which the row begins.
     pub line: u64,
-    /// Time, as text in the log. A number in another unit than seconds is converted to seconds or to a date.
+    /// Time as text, as in the log. A number in another unit than seconds is converted to seconds or to a date.
     pub time: String,
     /// Time of the row, for calculations.
     pub now: Moment,
@@ -90,20 +89,19 @@ pub struct LogRow {
     pub controls: Vec<Control>,
     /// Measured error of each axis in µm.
     pub errors: Vec<Option<f64>>,
-    /// Decision of each axis, as logged; `None` if the log has none.
+    /// Decision of each axis in the log; `None` if the log contains no decision.
     pub decided: Vec<Option<LoggedDecision>>,
-    /// Saved state with which a run of the gateway, or one of its files, begins at this log row. `None` in all other
-    /// rows.
+    /// Saved state in this log row, if a run of the gateway or one of its files begins at this row. Otherwise `None`.
     pub begins: Option<Remembered>,
-    /// Requests to change the preferred model between the previous log row and this one, each with its axis. `None`
+    /// Requests between the previous log row and this row to change the preferred model: axis and change. `None`
     /// withdraws a request.
     pub preferred: Vec<(usize, Option<Change>)>,
-    /// Zero commands between the previous log row and this one: the time, and the axis. The axis is `None` if all
-    /// references were captured.
+    /// Zero commands between the previous log row and this row: time and axis. The axis is `None` if the command
+    /// applies to all references.
     pub zeroed: Vec<(Moment, Option<usize>)>,
 }
 
-/// Decision of an axis, as logged.
+/// Decision of an axis in the log.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct LoggedDecision {
     /// Cz that the model requested, µm.
@@ -116,10 +114,11 @@ pub struct LoggedDecision {
     pub state: String,
     /// Names of the limits that changed the value: limit, deadband, step, rate, round.
     pub acted: String,
-    /// Expected residual error, µm. The outer `None` means that the log has no such column, the inner `None` that the
-    /// cell is empty.
+    /// Expected residual error, µm. The outer `None` means that the log has no such column. The inner `None` means
+    /// that the cell is empty.
     pub expected: Option<Option<f64>>,
-    /// Name of the sensor for which a stand-in was used. `None` if the log has no such column.
+    /// Name of the sensor that a stand-in replaces (a value estimated from other sensors). `None` if the log has no
+    /// such column.
     pub stood_in: Option<String>,
     /// "1" if the axis was worse with its model than without compensation. `None` if the log has no such column.
     pub worse: Option<String>,
@@ -131,17 +130,18 @@ pub struct LogReader<R> {
     csv: csv::Reader<Lines<R>>,
     file: String,
     dialect: Dialect,
-    /// Whether numbers are written as in the program: commas separate the columns, and no decimal mark was stated.
+    /// Whether numbers have a decimal point, as this program writes them: commas separate the columns, and no mark
+    /// was set.
     has_points: bool,
     names: Vec<String>,
-    /// Conversion of each column, if its name states a unit.
+    /// Conversion of the unit for each column whose name contains a unit.
     conversions: Vec<Conversion>,
-    /// Number of lines of the file that are not in the input.
+    /// Number of lines of the file that were removed before the reader receives the text.
     left_out: u64,
     axes: Vec<String>,
     columns: Columns,
     ranges: Vec<Option<(f64, f64)>>,
-    /// For each axis: lines with an implausible measured error, in ascending order.
+    /// Lines with an implausible measured error, for each axis, in ascending order.
     implausible: Vec<Vec<u64>>,
     record: StringRecord,
     last: Option<Moment>,
@@ -179,19 +179,19 @@ struct AxisColumns {
     preferred: Option<usize>,
 }
 
-/// Smallest absolute error that counts as no measured value, µm. Loggers write such a number if they have no value.
+/// Limit of a measured error, µm. A larger number means that no error was measured: some loggers write such a number.
 const NO_ERROR: f64 = 1e6;
-/// Smallest number of seconds since 1970 that is written as a date: the start of 1980.
+/// Limit for a number of seconds since 1970. From this number on (the year 1980), it is converted to a date.
 const FIRST_DATE: u64 = 315_532_800;
 
-/// Maximum number of warnings. Without it, a log with a wrong clock would give one warning for each row.
+/// Maximum number of warnings. Without this limit, a log with a wrong clock would give one warning for each row.
 const MOST_WARNINGS: usize = 20;
 
 impl<R: Read> LogReader<R> {
     /// Reads the header.
     ///
     /// # Errors
-    /// The header has no column `time`, no signal of the profile, or one name twice.
+    /// The header has no column `time`, no signal of the profile, or the same column name twice.
     pub fn open<'a>(
         profile: &Profile,
         input: R,
@@ -307,8 +307,8 @@ impl<R: Read> LogReader<R> {
         Ok(Some(row))
     }
 
-    /// Returns whether the number of cells fits the column names. Cells at the end may be missing if their columns are
-    /// comments or have no names. Additional cells must be empty.
+    /// Returns whether the number of cells fits the column names. Missing cells at the end are allowed if their
+    /// columns are comments or have no name. Additional cells must be empty.
     fn fits(&self) -> bool {
         let (found, wanted) = (self.record.len(), self.names.len());
         match found > wanted {
@@ -332,8 +332,8 @@ impl<R: Read> LogReader<R> {
         }
     }
 
-    /// Replaces the decimal commas of the log row by points, unless commas separate the columns. The time is parsed later,
-    /// with its own text.
+    /// Replaces decimal commas in the log row by points, unless commas separate the columns. The time is parsed
+    /// separately.
     fn point(&mut self) -> Result<(), LogError> {
         if self.has_points {
             return Ok(());
@@ -354,8 +354,8 @@ impl<R: Read> LogReader<R> {
         Ok(())
     }
 
-    /// Returns the number of the line in which the log row starts. The CSV reader gives the line after its end, and
-    /// quoted cells may contain line breaks.
+    /// Returns the number of the line at which the log row begins. The CSV reader only knows where the row ends, and
+    /// a quoted cell may contain line breaks.
     fn line(&self) -> u64 {
         let inside = self.record.iter().flat_map(str::bytes).filter(|byte| *byte == b'\n').count();
         self.left_out + self.csv.position().line().saturating_sub(1 + inside as u64)
@@ -414,8 +414,8 @@ impl<R: Read> LogReader<R> {
         Ok(row)
     }
 
-    /// Parses a zero command: a time, and after it the name of an axis. Without a name, the axis is `None`: all
-    /// references were captured.
+    /// Parses a zero command: a time, and after it the name of an axis. Without a name, the axis is `None`, and the
+    /// command applies to all references.
     fn zeroed(&self, text: &str) -> Result<(Moment, Option<usize>), String> {
         let (at, name) = text.split_once(' ').map_or((text, None), |(at, name)| (at, Some(name)));
         let place = |name| {
@@ -425,8 +425,8 @@ impl<R: Read> LogReader<R> {
         Ok((time::parse(at)?, name.map(place).transpose()?))
     }
 
-    /// Returns the control inputs of an axis. If the log has no permits, the axis is armed, and its register is at zero
-    /// in the first row.
+    /// Returns the control inputs of an axis. If the log has no column for permits, the axis is armed, and its
+    /// register holds zero in the first row.
     fn control(&self, line: u64, columns: &AxisColumns) -> Result<Control, LogError> {
         let take_over = self.micron(line, columns.from)?;
         let take_over_slope = self.micron(line, columns.slope_from)?;
@@ -518,7 +518,7 @@ impl<R: Read> LogReader<R> {
     }
 }
 
-/// Makes the error of an invalid record. `line` is used if the cause contains no position.
+/// Creates the error of an invalid row. `line` is used if the cause contains no position.
 pub(super) fn unreadable(file: &str, line: u64, cause: &csv::Error) -> LogError {
     let message = match cause.kind() {
         csv::ErrorKind::Utf8 { .. } => "this is not text in UTF-8; save the file again as UTF-8".to_owned(),
@@ -565,8 +565,8 @@ impl Columns {
     }
 }
 
-/// Returns the text of a time. A number in another unit is converted to seconds, because a file with these times is
-/// read in seconds.
+/// Returns the text of a time. A number in another unit is converted to seconds, because the program reads such times
+/// as seconds.
 fn in_seconds(text: String, now: Moment) -> String {
     let is_number = text.trim().replace(',', ".").parse::<f64>().is_ok();
     if !is_number || time::parse(&text) == Ok(now) {
@@ -581,8 +581,8 @@ fn in_seconds(text: String, now: Moment) -> String {
     format!("{seconds}.{nanos:09}").trim_end_matches('0').trim_end_matches('.').to_owned()
 }
 
-/// Checks a value as the gateway does. A value outside the sensor's range is rejected, for example −32 °C of a broken
-/// sensor.
+/// Checks a value as the gateway checks it. A value outside the sensor's range is rejected, for example −32 °C from a
+/// broken sensor.
 fn reading(value: Option<f64>, range: Option<(f64, f64)>, now: Moment) -> Reading {
     match (value, range) {
         (None, _) => Reading::bad(now, Reason::NotInLog),

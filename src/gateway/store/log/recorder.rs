@@ -13,26 +13,26 @@ use isotherm_profile::{Axis, Profile};
 
 /// Column that only the log of a dry run has.
 const DRY_RUN: &str = "machine_dry_run";
-/// Log column for a slope that the control applies: the decision, as its effect at the axis's largest distance from the
-/// reference position, µm.
+/// Log column for a slope that the control applies: the slope of the decision. The unit is µm, as the effect of the
+/// slope at the axis's largest distance from the reference position.
 const SLOPE: &str = "slope_um";
-/// Log column of an axis with a probe: correction of the model's Cz.
+/// Log column of an axis with a probe: correction that probing results add to the model's Cz.
 const CORRECTION: &str = "correction_um";
 
-/// Converter from steps of the axes to rows of the log.
+/// Converter from the steps of the axes (calculations of their Cz) to rows of the decision log.
 #[derive(Clone, Debug)]
 pub struct Recorder {
-    /// Names of the models as CSV cells, by axis and model.
+    /// Names of the models of each axis, as CSV cells.
     models: Vec<Vec<String>>,
-    /// For each axis: whether the log has columns for a slope that the control applies.
+    /// Whether the log has columns for a slope that the control applies, for each axis.
     apart: Vec<bool>,
-    /// For each axis: whether its errors are measured (the profile has a probe).
+    /// Whether errors of each axis are measured: the profile has a probe for the axis.
     probed: Vec<bool>,
-    /// For each axis: whether one of its models calculates its expected error.
+    /// Whether a model of each axis calculates its expected error.
     expected: Vec<bool>,
-    /// For each axis: whether its models may use stand-ins for frozen sensors.
+    /// Whether the models of each axis may use stand-ins for frozen sensors.
     watched: Vec<bool>,
-    /// For each axis: the column of requests to change the preferred model.
+    /// Column of each axis for requests to change the preferred model.
     preferred: Vec<PreferredColumn>,
     /// Names of the signals, as CSV cells.
     signals: Vec<String>,
@@ -42,19 +42,19 @@ pub struct Recorder {
     /// Difference between the times in the file and the monotonic time of this run.
     shift: Shift,
     correction: Option<Correction>,
-    /// Whether the log is that of a dry run, in which no decision is written to a device.
+    /// Whether this is the log of a dry run, which writes no decision to a device.
     dry_run: bool,
     line: Vec<u8>,
 }
 
-/// Column of the requests to change the preferred model of an axis.
+/// State of the column for requests to change the preferred model of an axis.
 #[derive(Clone, Debug, PartialEq, Eq)]
 enum PreferredColumn {
     /// The axis does not learn, and the log has no such column.
     Absent,
-    /// No request since the last row.
+    /// The axis had no such request since the last row.
     Empty,
-    /// Request for the next row, as a CSV cell.
+    /// The next row must contain this request, as a CSV cell.
     Request(String),
 }
 
@@ -89,7 +89,7 @@ impl Recorder {
         }
     }
 
-    /// Sets whether the rows are those of a dry run.
+    /// Sets whether the rows belong to a dry run.
     #[must_use]
     pub(in crate::gateway) fn of_dry_run(self, dry_run: bool) -> Recorder {
         Recorder { dry_run, ..self }
@@ -124,25 +124,25 @@ impl Recorder {
         format!("{},{DRY_RUN}\n", Recorder::header(profile).trim_end())
     }
 
-    /// Sets the shift of the times in the file that starts now, and the correction of the clock before this file.
+    /// Sets the shift from monotonic time to the times of the file that begins now, and the correction of the clock
+    /// before this file.
     pub(in crate::gateway) fn stamp_by(&mut self, shift: Shift, correction: Option<Correction>) {
         (self.shift, self.correction) = (shift, correction);
     }
 
-    /// Marks the next row as the first one of a run or a file. `remembered` is the state with which it begins.
+    /// Marks the next row as the first row of a run or of a file. The run or file begins with the state `remembered`.
     pub fn begin(&mut self, remembered: &Remembered) {
         self.memory =
             serde_json::to_string(&remembered.clone().shifted(self.shift)).ok().map(|json| cell(&json));
     }
 
-    /// Records a zero command, which is written with the next log row. `axis` is `None` if all references were
-    /// captured.
+    /// Records a zero command for the next log row. `axis` is `None` if the command applies to all references.
     pub fn zeroed(&mut self, at: Moment, axis: Option<usize>) {
         self.zeroed.push((at, axis));
     }
 
-    /// Records a request to change the preferred model of an axis, which is written with the next log row. A later
-    /// request replaces an earlier one.
+    /// Records a request to change the preferred model of an axis, for the next log row. A later request replaces an
+    /// earlier one.
     pub fn preferred(&mut self, axis: usize, change: Option<&Change>) {
         let column = self.preferred.get_mut(axis).filter(|column| **column != PreferredColumn::Absent);
         if let (Some(column), Ok(json)) = (column, serde_json::to_string(&change)) {
@@ -236,12 +236,13 @@ impl Recorder {
     }
 }
 
-/// Returns the axes that have columns: those of the profile file. Axes of releases are only in the output log.
+/// Returns the axes that have columns in the log: those of the profile file. The additional axes of releases are only
+/// in the output log.
 fn recorded(profile: &Profile) -> impl Iterator<Item = &Axis> {
     profile.axes.iter().take(profile.compensated())
 }
 
-/// Returns whether a model of the axis checks its sensors for frozen values.
+/// Returns whether a model of the axis detects frozen sensors.
 fn is_watched(axis: &Axis) -> bool {
     axis.settings.models.iter().any(|model| model.stand_ins.is_some())
 }
@@ -258,7 +259,7 @@ fn optional(line: &mut Vec<u8>, value: Option<f64>) {
     }
 }
 
-/// Appends the shortest text from which the same number is parsed.
+/// Appends the shortest text that gives the same number when it is parsed.
 pub fn number(line: &mut Vec<u8>, value: f64) {
     let size = value.abs();
     let plain = (1e-6..1e17).contains(&size) || size.to_bits() == 0;
@@ -266,7 +267,7 @@ pub fn number(line: &mut Vec<u8>, value: f64) {
     let _ = if plain { write!(line, "{value}") } else { write!(line, "{value:e}") };
 }
 
-/// Quotes the text of a cell if CSV requires quotation marks.
+/// Formats a text as a CSV cell, with quotation marks if CSV requires them.
 pub(super) fn cell(text: &str) -> String {
     if has_to_be_quoted(text) {
         return format!("\"{}\"", text.replace('"', "\"\""));

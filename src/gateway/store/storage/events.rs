@@ -1,4 +1,4 @@
-//! Writer of events to disk. Events wait in the event journal in memory until their line is written.
+//! Writer of events to disk. Events wait in the event journal in memory until they are written.
 
 use std::fs::File;
 use std::io::Write;
@@ -16,13 +16,14 @@ use isotherm_core::quantity::Moment;
 /// Maximum number of events that are read from the event journal at once.
 const BATCH: usize = 64;
 
-/// Connection from the event journal to the thread: new events wake the thread until the connection is dropped.
+/// Connection from the event journal to the storage thread. New events wake the thread until the connection is
+/// dropped.
 #[derive(Debug)]
 pub(super) struct EventsWake(Arc<Journal>);
 
 impl EventsWake {
-    /// Connects the event journal with the queue of the thread that writes to disk. `is_woken` states that a wakeup is
-    /// in the queue, so that no other is needed.
+    /// Connects the event journal with the queue of the thread that writes to disk. `is_woken`: whether the queue
+    /// already contains a wakeup, so that another one is not needed.
     pub(super) fn begin(
         journal: Arc<Journal>,
         queue: SyncSender<QueuedJob>,
@@ -50,7 +51,7 @@ pub(super) struct EventsFile {
     machine: String,
     journal: Arc<Journal>,
     open: Option<(String, File, End)>,
-    /// Number of events that were left out because the file of their day was full.
+    /// Number of events that were not written because the file of their day was full.
     skipped: u64,
 }
 
@@ -60,7 +61,7 @@ impl EventsFile {
         EventsFile { directory, machine, journal, open: None, skipped: 0 }
     }
 
-    /// Writes the waiting events. Events that cannot be written wait for the next call.
+    /// Writes the waiting events. If an event cannot be written, it waits for the next call.
     pub(super) fn write_all(&mut self) -> std::io::Result<()> {
         loop {
             let entries = self.journal.unkept(BATCH);
@@ -112,13 +113,13 @@ impl EventsFile {
     }
 }
 
-/// Makes the entry of an event, with the time of another entry.
+/// Creates an entry for `event` with the time of another entry.
 fn beside(entry: &Entry, event: &Event) -> Entry {
     Entry { at: entry.at.clone(), ..event.entry(Moment::default()) }
 }
 
-/// Appends an entry. After a failure, the caller opens the file again and reads its end, because a part of the line may
-/// be written.
+/// Appends an entry to the file. After a failure, the file may end with an incomplete line. The caller must then open
+/// the file again.
 fn append(file: &mut File, end: End, entry: &Entry) -> std::io::Result<End> {
     let (line, end) = end.line(entry);
     file.write_all(line.as_bytes())?;

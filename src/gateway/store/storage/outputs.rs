@@ -18,17 +18,17 @@ use isotherm_core::output::{Action, Controller, Input, Settings};
 use isotherm_core::quantity::{Moment, Shifted};
 use isotherm_profile::{OutputId, Profile, SetId};
 
-/// Time for which repeated writes are counted before a row of the output log contains their number.
+/// Time for which repeated writes are counted. Then a row of the output log contains their number.
 const COUNTED_FOR: Duration = Duration::from_secs(60);
 
-/// Input that the controller of an output has received, with the states before and after it.
+/// Input that the controller of an output has received, with the controller before and after it.
 #[derive(Debug)]
 pub(in crate::gateway) struct OutputTransition<'a> {
     pub(in crate::gateway) id: OutputId,
     pub(in crate::gateway) settings: &'a Settings,
     pub(in crate::gateway) before: &'a Controller,
-    /// Whether all inputs between the last log row and this input were recorded. If `false`, a row with the state comes
-    /// first.
+    /// Whether all inputs between the last log row and this input were recorded. If not, a row with the state must
+    /// come first.
     pub(in crate::gateway) is_continuous: bool,
     pub(in crate::gateway) input: Input,
     pub(in crate::gateway) action: Action,
@@ -43,18 +43,19 @@ pub(in crate::gateway) struct TurnRecord {
     pub(in crate::gateway) after: ControllerState,
 }
 
-/// Output that is written repeatedly, independently of the last result.
+/// Kind of write that is repeated regularly, whatever the last result was.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(in crate::gateway) enum CountedWrite {
     /// Output that writes a position plus Cz, or the value of a display.
     Position(OutputId),
-    /// Set of outputs, with its heartbeat and control word.
+    /// Values of an output set, or only its heartbeat and control word.
     Set(SetId),
     /// Heartbeat in a separate register.
     Heartbeat,
 }
 
-/// Number of output rows in the queue, and number of losses so far. The producer and the thread share it.
+/// Number of output-log rows in the queue, and number of losses so far. The producer and the storage thread share
+/// these counters.
 #[derive(Debug, Default)]
 pub(super) struct RowLosses {
     waiting: AtomicUsize,
@@ -62,7 +63,7 @@ pub(super) struct RowLosses {
 }
 
 impl RowLosses {
-    /// Counts a loss of one or more log rows. Returns the number of losses, including this one.
+    /// Counts a loss of one or more rows of the output log. Returns the number of losses, including this loss.
     pub(super) fn tear(&self) -> u64 {
         self.count.fetch_add(1, Ordering::Relaxed) + 1
     }
@@ -72,7 +73,7 @@ impl RowLosses {
     }
 }
 
-/// Identity of a series of rows without a gap: the file, and the number of losses before the rows (`tear`).
+/// Identity of a series of log rows without a gap: the file, and the number of losses before these rows (`tear`).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct RowSequence {
     day: Date,
@@ -88,12 +89,12 @@ pub(in crate::gateway) struct OutputsLog {
     stamps: Stamps,
     tears: Arc<RowLosses>,
     counts: (usize, usize),
-    /// Latest moment of a row of the output log, which determines its file. A turn that began before midnight and ended
-    /// after it is in the file of the new day.
+    /// Latest time of a row of the output log. The file of a row depends on this time: a turn that began before
+    /// midnight and ended after it is in the file of the new day.
     latest: Moment,
-    /// Series of rows without a gap to which the last log row belongs; `None` before the first row.
+    /// Series of log rows without a gap to which the last row belongs; `None` before the first row.
     stretch: Option<RowSequence>,
-    /// Outputs, then sets, then the heartbeat, each with its counters.
+    /// Counters of all outputs, then of all output sets, then of the heartbeat.
     lines: Vec<Line>,
     /// Buffer for the message of a failed write, which is compared with the previous message.
     message: String,
@@ -104,12 +105,13 @@ pub(in crate::gateway) struct OutputsLog {
 #[derive(Debug, Default)]
 struct Line {
     name: String,
-    /// Series of log rows in which the state of this controller was last recorded. `None` before that.
+    /// Series of log rows that contains a row with the state of this controller. `None` if no such row was written
+    /// yet.
     begun: Option<RowSequence>,
     last: Option<LastTurn>,
-    /// Number of turns (calls of the controller) that repeated the last recorded turn, since the row of that turn.
+    /// Number of turns (calls of the controller) that repeated the last recorded turn.
     repetitions: u64,
-    /// Time since which writes and failures are counted.
+    /// Time at which the present count of writes and failures began.
     since: Option<Moment>,
     writes: u64,
     failures: u64,
@@ -124,7 +126,7 @@ struct LastTurn {
     /// State of the controller after that call.
     state: ControllerState,
     at: Moment,
-    /// Time at which a call of the controller was last recorded in a row of the log, and not only counted.
+    /// Time at which a call of the controller was last written as a row of the log, instead of only being counted.
     recorded: Moment,
 }
 
@@ -146,7 +148,7 @@ impl OutputsLog {
         OutputsLog { queue: Some(queue), counts, lines, ..OutputsLog::default() }
     }
 
-    /// Returns the counters that the thread also uses.
+    /// Returns the counters that this producer shares with the storage thread.
     pub(super) fn tears(&self) -> Arc<RowLosses> {
         Arc::clone(&self.tears)
     }
@@ -155,8 +157,8 @@ impl OutputsLog {
         self.queue.is_some()
     }
 
-    /// Records an input and the action of an output. If the last row of this output is in another file, or was lost, a
-    /// row with the state comes first.
+    /// Records an input and an action of an output. If the last row of this output was lost or is in another file, a
+    /// row with the state is written first.
     pub(in crate::gateway) fn stepped(&mut self, stepped: &OutputTransition<'_>, now: Moment) {
         let stretch = self.stretch(now);
         let Some(line) = self.lines.get_mut(stepped.id.0) else { return };
@@ -177,8 +179,8 @@ impl OutputsLog {
         self.hand_over(row, stretch);
     }
 
-    /// Records a turn of a controller (call by the line task), or counts it if it repeats the last one. If the last row
-    /// of this controller is in another file, or was lost, a row with the state comes first.
+    /// Records a turn of a controller (call by the line task), or only counts the turn if it repeats the last one. If
+    /// the last row of this controller was lost or is in another file, a row with the state is written first.
     pub(in crate::gateway) fn turned(
         &mut self,
         steady: CountedWrite,
@@ -259,7 +261,7 @@ impl OutputsLog {
         self.message = message;
     }
 
-    /// Records all counts at the end of a run.
+    /// Writes log rows with all counts at the end of a run.
     pub(in crate::gateway) fn count_for_the_last_time(&mut self, now: Moment) {
         let stretch = self.stretch(now);
         for place in 0..self.lines.len() {
@@ -268,9 +270,9 @@ impl OutputsLog {
         }
     }
 
-    /// Returns the series of log rows to which a row belongs that is written now. If the series has changed, turns that
-    /// were only counted are first recorded in the old series. If the clock was set, the new file begins with a row
-    /// about the correction.
+    /// Returns the series of log rows for a row that is written now. If a new series begins, the turns that were only
+    /// counted are first recorded in the old series. If the clock was set, the new file begins with a row about the
+    /// correction.
     fn stretch(&mut self, now: Moment) -> RowSequence {
         let (stamped, latest) = (self.stamps.check(now), self.latest.max(now));
         let day = retention::day(latest.shifted(stamped.shift));
@@ -297,8 +299,8 @@ impl OutputsLog {
         }
     }
 
-    /// Returns the counters of an output for a write at `now`. If the counted time is over, the old counts are recorded
-    /// first.
+    /// Returns the counters of an output for a write at `now`. If the counting time is over, the old counts are first
+    /// written to the log.
     fn counted(&mut self, steady: CountedWrite, now: Moment) -> Option<&mut Line> {
         let place = self.place(steady);
         let since = *self.lines.get_mut(place)?.since.get_or_insert(now);
@@ -321,7 +323,7 @@ impl OutputsLog {
         }
     }
 
-    /// Queues a log row. Returns `false` if the queue is full; the row is then lost.
+    /// Queues a log row. Returns `false` if the queue is full. The row is then lost.
     fn hand_over(&mut self, row: Vec<u8>, RowSequence { stamped, tear, .. }: RowSequence) -> bool {
         let at = self.latest;
         let Some(queue) = &self.queue else { return false };

@@ -1,8 +1,8 @@
-//! Retention of the logs of a machine: how long they are stored, and their maximum size together.
+//! Retention of the logs of a machine: how long they are stored, and their maximum total size.
 //!
-//! A wrong clock deletes nothing. The age of a log is the difference between its day and the day of the newest log. The
-//! age is used only if the computer's day is the day of the newest log, or the next one. Logs from before a large
-//! correction of the clock have no age. They are deleted, oldest first, only if all logs together are too large.
+//! A wrong clock must not delete logs. The age of a log is the difference between its day and the day of the newest
+//! log. The age is used only if the computer's day is the day of the newest log, or the next day. Logs from before a
+//! large correction of the clock have no age. They are deleted, oldest first, only if the total size is too large.
 
 use std::io::Read;
 use std::path::{Path, PathBuf};
@@ -18,10 +18,10 @@ use isotherm_core::quantity::{Moment, time};
 use isotherm_profile::duration_text;
 use isotherm_profile::{History, safe_file};
 
-/// Largest correction of the clock into the past after which the ages of earlier logs are still valid.
+/// Maximum correction of the clock into the past after which the age of earlier logs is still known.
 const A_DAY: Duration = Duration::from_hours(24);
 
-/// Maximum size of header and first row that are read, in bytes. The first row contains the saved state of a machine.
+/// Maximum size of the header and first row of a log, in bytes. The first row contains the saved state of a machine.
 const FIRST_ROW: u64 = 4 * 1024 * 1024;
 
 /// Log file of one day.
@@ -32,7 +32,7 @@ pub(in crate::gateway) struct DayLog {
     size: u64,
 }
 
-/// Logs to delete, by reason.
+/// Logs that must be deleted, by reason.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 struct ExpiredLogs {
     too_old: Vec<String>,
@@ -45,7 +45,7 @@ impl DayLog {
     }
 }
 
-/// Returns the day of a time stamp, in UTC.
+/// Returns the date of a time stamp, in UTC.
 pub(super) fn day(stamp: Moment) -> Date {
     let stamp = jiff::Timestamp::from_nanosecond(i128::from(stamp.as_nanos())).unwrap_or_default();
     stamp.to_zoned(jiff::tz::TimeZone::UTC).date()
@@ -56,7 +56,7 @@ fn breaks_the_days(correction: &Correction) -> bool {
     correction.from.since(correction.to) > A_DAY || correction.to.since(correction.from) > Stop::LONGEST
 }
 
-/// Returns the logs of this machine of every kind, oldest first.
+/// Returns the logs of this machine of all kinds, oldest first.
 pub(in crate::gateway) fn logs(directory: &Path, machine: &str) -> Vec<DayLog> {
     let entries = std::fs::read_dir(directory).into_iter().flatten().flatten();
     let mut logs: Vec<DayLog> = entries
@@ -88,8 +88,8 @@ pub(in crate::gateway) fn of_decisions(
         .collect()
 }
 
-/// Returns the decision logs of the newest day that has one. Logs from before a large correction of the clock are
-/// ignored.
+/// Returns the decision logs of the newest day for which a decision log exists. Logs from before a large correction
+/// of the clock are ignored.
 pub(super) fn newest_of_decisions(directory: &Path, machine: &str, now: Moment) -> Vec<PathBuf> {
     let logs = logs(directory, machine);
     let set = breaks(directory, &logs);
@@ -98,7 +98,8 @@ pub(super) fn newest_of_decisions(directory: &Path, machine: &str, now: Moment) 
     found.filter(|log| Some(log.day) == newest).map(|log| directory.join(&log.name)).collect()
 }
 
-/// Returns the logs of this machine to delete, in groups with a reason. `today` is the day of the computer's clock.
+/// Returns the logs of this machine that must be deleted, in groups with the same reason. `today` is the present date
+/// of the computer's clock.
 pub(super) fn expired(
     directory: &Path,
     machine: &str,
@@ -113,7 +114,7 @@ pub(super) fn expired(
     ]
 }
 
-/// Returns the large corrections of the clock, which are in the first rows of the logs.
+/// Returns the large corrections of the clock. They are in the first rows of the logs.
 fn breaks(directory: &Path, logs: &[DayLog]) -> Vec<Correction> {
     let found = logs.iter().filter(|log| log.is_of_decisions()).filter_map(|log| {
         let begins = safe_file::open(&directory.join(&log.name)).ok()?.take(FIRST_ROW);
@@ -142,7 +143,8 @@ fn of_these_days<'a>(
     })
 }
 
-/// Returns the logs to delete. `today` is the day of the computer's clock, and `set` contains its large corrections.
+/// Returns the logs that must be deleted. `today` is the present date of the computer's clock, and `set` contains the
+/// large corrections of the clock.
 fn superfluous(logs: &[DayLog], history: &History, today: Date, set: &[Correction]) -> ExpiredLogs {
     let mut found = ExpiredLogs::default();
     let of_these_days = of_these_days(logs, today, set);

@@ -1,22 +1,22 @@
-//! Choice of the log file for a row, and the time stamps of its moments.
+//! Choice of the log file for a row, and conversion of the times in the row to time stamps.
 //!
-//! All rows of a file are stamped with the same shift, which is the difference between time stamps and monotonic time.
-//! Therefore differences between their times are exact, and a replay gives the same bits. If the computer's clock was
+//! All rows of a file use the same shift, which is the difference between time stamps and monotonic time. Therefore
+//! differences between time stamps are exact, and a replay gives exactly the same values. If the computer's clock was
 //! set, a new file begins, whose first row contains the old and the new time.
 
 use crate::clock::{Clock, Correction, SMALLEST_CORRECTION};
 use isotherm_core::quantity::{Moment, Shift, Shifted};
 
-/// Time stamps of the rows of one log.
+/// Conversion of monotonic time to time stamps for the rows of one log.
 #[derive(Debug, Default)]
 pub(super) struct Stamps {
     clock: Option<Clock>,
     of: Stamped,
-    /// Correction of the clock for the first row of the file; `None` after this row was queued.
+    /// Correction of the clock that the first row of the file must contain; `None` after this row was queued.
     correction: Option<Correction>,
 }
 
-/// Number of a file in this run, and the shift from monotonic time to its time stamps.
+/// Number of a log file in this run, and the shift from monotonic time to the time stamps in this file.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(in crate::gateway) struct Stamped {
     pub(super) file: u64,
@@ -24,15 +24,15 @@ pub(in crate::gateway) struct Stamped {
 }
 
 impl Stamps {
-    /// Creates the time stamps of a clock. `correction` is present if the time of the clock does not continue after the
-    /// last run.
+    /// Creates the time stamps by a clock. `correction` is `None` if the clock has continued correctly since the last
+    /// run.
     pub(super) fn by(clock: &Clock, correction: Option<Correction>) -> Stamps {
         // The first file of the run is then a new one, whose first row contains the correction.
         let of = Stamped { file: u64::from(correction.is_some()), shift: clock.shift() };
         Stamps { clock: Some(clock.clone()), of, correction }
     }
 
-    /// Returns file and shift for a row that is written now.
+    /// Returns log file and shift for a row that is written now.
     pub(super) fn check(&mut self, now: Moment) -> Stamped {
         let shift = self.of_the_clock();
         if shift != self.of.shift {
@@ -46,12 +46,13 @@ impl Stamps {
         self.of
     }
 
-    /// Returns the shift from monotonic time to the present time of day, independently of the file.
+    /// Returns the shift from monotonic time to the present time of the computer's clock, whatever the file is.
     pub(super) fn of_the_clock(&self) -> Shift {
         self.clock.as_ref().map_or(self.of.shift, Clock::shift)
     }
 
-    /// Returns the correction of the clock for the first row of a file, until that row is queued.
+    /// Returns the correction of the clock that the first row of a file must contain; `None` after this row was
+    /// queued.
     pub(super) fn correction(&self) -> Option<Correction> {
         self.correction
     }

@@ -1,4 +1,4 @@
-//! Thread that writes logs and events to the files of days, and reports a disk that does not store them.
+//! Thread that writes logs and events to one file for each day, and reports when the disk does not store them.
 
 use std::collections::BTreeMap;
 use std::fs::{File, Metadata};
@@ -27,11 +27,11 @@ use isotherm_profile::{History, Profile, safe_file};
 
 /// Interval of the checks for logs to delete.
 const TIDY_EVERY: Duration = Duration::from_hours(1);
-/// Time for which jobs are collected if they arrive faster than the thread does them.
+/// Time for which the thread collects jobs, if jobs arrive faster than it can process them.
 const COLLECTED_FOR: Duration = Duration::from_millis(10);
 
-/// Returns whether a log has this header and ends with a complete row. If a power cut has left an incomplete row, no
-/// row may be appended.
+/// Returns whether a log has this header and ends with a complete row. A row cannot be appended after an incomplete
+/// row, which a power cut may leave.
 fn continues(path: &Path, header: &[u8]) -> std::io::Result<bool> {
     let mut file = File::open(path)?;
     let mut begins = vec![0; header.len()];
@@ -53,14 +53,15 @@ struct WholeRows {
 }
 
 impl WholeRows {
-    /// Appends a complete log row, or nothing if the disk is full: an incomplete row would corrupt the next one.
+    /// Appends a complete row to the log, or nothing if the disk is full. A part of a row would make the next row
+    /// invalid.
     fn append(&mut self, row: &[u8]) -> std::io::Result<()> {
         self.file.write_all(row).inspect_err(|_| drop(self.file.set_len(self.length)))?;
         self.length += row.len() as u64;
         Ok(())
     }
 
-    /// Returns whether `path` still names the open file. Returns `false` after the file was deleted or replaced.
+    /// Returns whether the open file is still at `path`. Returns `false` after the file was deleted or replaced.
     fn is_there(&self) -> bool {
         let place = |found: Metadata| (found.dev(), found.ino());
         let there = std::fs::metadata(&self.path).map(place).ok();
@@ -68,10 +69,10 @@ impl WholeRows {
     }
 }
 
-/// Maximum length, in bytes, of the last row of a log file that is read.
+/// Maximum length of the last row of a log file for reading its time, in bytes.
 const LAST_ROW: u64 = 65_536;
 
-/// Returns the time of the last row of a log. `None` if it cannot be read.
+/// Returns the time of the last row of a log. `None` if the row cannot be read.
 pub(super) fn last_stamp(path: &Path) -> Option<Moment> {
     let mut file = safe_file::open(path).ok()?;
     let length = file.metadata().ok()?.len();
@@ -93,10 +94,10 @@ pub(super) struct StorageThread {
     /// Time of the last check for logs to delete.
     tidied: Option<Moment>,
     events: EventsFile,
-    /// Whether a wakeup for new events is in the queue.
+    /// Whether the queue contains a wakeup for new events.
     is_woken: Arc<AtomicBool>,
-    /// Number of losses up to which rows of the output log are left out. A row that was made before the last loss
-    /// cannot be replayed, because the rows before it are missing.
+    /// Number of losses at the time of the last loss of output-log rows. A row from before this loss is not written:
+    /// it cannot be replayed, because the rows before it are missing.
     whole_since: u64,
     failing: BTreeMap<&'static str, DiskCause>,
     torn: Arc<AtomicBool>,
@@ -185,8 +186,8 @@ impl StorageThread {
         }
     }
 
-    /// Checks whether a log file was removed. The next row then begins a new file, and contains the state from which a
-    /// replay continues.
+    /// Checks whether a log file was removed. If so, the next row begins a new file, and contains the state from
+    /// which a replay continues.
     fn find_logs(&mut self, at: Moment) {
         if let Err(gone) = self.log.check() {
             self.torn.store(true, Ordering::Relaxed);
@@ -198,7 +199,7 @@ impl StorageThread {
         }
     }
 
-    /// Writes a row of the output log. After a loss, rows are left out until a row contains the state from which a
+    /// Writes a row of the output log. After a loss, rows are not written until a row contains the state from which a
     /// replay can continue.
     fn write_output(&mut self, (at, stamped): (Moment, Stamped), row: &[u8], tear: u64) {
         if tear < self.whole_since {
@@ -211,7 +212,7 @@ impl StorageThread {
         self.report(at, "the log of the outputs", done);
     }
 
-    /// Deletes logs that are too old or too large together, at most once an hour, and reports the deletion.
+    /// Deletes logs that are too old or whose total size is too large, and reports this. Checks at most once an hour.
     fn tidy(&mut self, at: Moment, stamped: Stamped) {
         if self.tidied.is_some_and(|last| at.since(last) < TIDY_EVERY) {
             return;
@@ -250,7 +251,7 @@ impl StorageThread {
 pub(super) struct DayFile {
     directory: PathBuf,
     machine: String,
-    /// End of the file name, after the day.
+    /// Last part of the file name, after the date.
     ending: &'static str,
     header: String,
     of: Option<(Date, Stamped)>,
@@ -272,14 +273,14 @@ impl DayFile {
         written
     }
 
-    /// Checks whether the log file of the day, or its directory, was removed. The next row then begins a new file.
+    /// Checks whether the log file of the day, or its directory, was removed. If so, the next row begins a new file.
     fn check(&mut self) -> std::io::Result<()> {
         let Some(file) = self.file.take_if(|file| !file.is_there()) else { return Ok(()) };
         let text = format!("{} was removed", file.path.display());
         Err(std::io::Error::new(ErrorKind::NotFound, text))
     }
 
-    /// Synchronises the written log rows to disk, so that a power cut does not lose them.
+    /// Synchronises the written log rows to disk, so that they remain after a power cut.
     fn sync(&self) -> std::io::Result<()> {
         self.file.as_ref().map_or(Ok(()), |rows| rows.file.sync_data())
     }
@@ -298,8 +299,8 @@ impl DayFile {
         Ok(self.file.insert(file))
     }
 
-    /// Opens the file of the day. A new file is begun if the existing one has other columns, a later last row, or rows
-    /// from before the clock was set.
+    /// Opens the log file of the day. Begins a new file in three cases: the existing file has other columns, its last
+    /// row is later than `stamp`, or its rows are from before the clock was set.
     fn open(&self, stamp: Moment, is_set: bool) -> std::io::Result<WholeRows> {
         let day = day(stamp);
         make_directory(&self.directory)?;

@@ -19,19 +19,19 @@ pub(super) const WRITES: &str = "writes";
 pub(super) const FAILURES: &str = "failures";
 pub(super) const CLOCK: &str = "clock";
 
-/// Settings and state from which the controller of an output continues, as written to the log.
+/// Settings and state from which the controller of an output continues. They are written to the log.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ResumeState {
     /// Settings of the output.
     pub settings: Settings,
     /// State of the output's register.
     pub state: State,
-    /// State of the controller, apart from the state of its register.
+    /// State of the controller that is not part of the register state.
     #[serde(default)]
     pub policy: Policy,
 }
 
-/// Content of the log column `detail`: the parts of an input other than value and moment.
+/// Content of the log column `detail`: all parts of an input except value and moment.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(untagged)]
 pub(super) enum Detail {
@@ -43,8 +43,8 @@ pub(super) enum Detail {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct Towards {
-    /// Target of the offset in counts, without the bias of the register. For a shared register: target of the gateway
-    /// share.
+    /// Target of the offset, in counts without the bias of the register. For a shared register, this is the target of
+    /// the gateway share.
     pub(super) target: Counts,
 }
 
@@ -77,8 +77,8 @@ fn is_zero(count: &u64) -> bool {
 }
 
 impl Detail {
-    /// Returns the detail of an input, with its moments shifted to the time stamps of the file. `None` if the input has
-    /// no detail.
+    /// Returns the detail of an input; `None` if the input has no detail. `shift` converts the moments to time stamps
+    /// of the file.
     pub(super) fn of(input: Input, shift: Shift) -> Option<Detail> {
         match input {
             Input::Fact(Fact::Decided { target, .. }) => {
@@ -101,7 +101,7 @@ impl Detail {
 }
 
 impl DemandDetail {
-    /// Makes the demand that a log row contains. Returns `None` if the row has a decision, but no offset.
+    /// Returns the demand in a log row. `None` if the row contains a decision, but no offset.
     pub(super) fn demand(self, offset: Option<Counts>, not_after: Moment) -> Option<Demand> {
         let DemandDetail { armed, interlock, target, at, mode, restarts, pauses } = self;
         let decision = match at {
@@ -118,7 +118,7 @@ impl DemandDetail {
     }
 }
 
-/// Cells of a log row for an input or action: name, value and moment. [`Moment::END`] is written as an empty cell.
+/// Cells of a log row for an input or an action: name, value and moment. The moment [`Moment::END`] is an empty cell.
 type Cells = (&'static str, Option<Counts>, Moment);
 
 /// Names of the inputs that have neither value nor moment.

@@ -1,5 +1,6 @@
-//! Controllers whose turns are logged as JSON: those of sets, of corrected positions, and of a heartbeat in a separate
-//! register. A turn is one call of a controller by the line task.
+//! Controllers whose turns are logged as JSON. They are the controllers of output sets, of corrected positions
+//! (position plus Cz), and of a heartbeat in a separate register. A turn is one call of a controller by the line
+//! task.
 
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
@@ -30,7 +31,7 @@ pub enum ControllerState {
 }
 
 impl ControllerState {
-    /// Returns whether both states lead to the same decisions from the next call on.
+    /// Returns whether both states lead to the same decisions in the future.
     pub fn is_like(&self, other: &ControllerState) -> bool {
         match (self, other) {
             (ControllerState::Set(one), ControllerState::Set(other)) => one.is_like(other),
@@ -40,8 +41,8 @@ impl ControllerState {
     }
 }
 
-/// Turn of a controller: one call by the line task. The turn contains the input, the action and, if it is known in the
-/// same turn, the result.
+/// Turn of a controller: one call by the line task. The turn contains the input and the action. It contains the
+/// result if the result is known at the end of the turn.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(untagged)]
 pub enum Turn {
@@ -74,7 +75,7 @@ pub struct HeartbeatTurn {
 }
 
 impl Turn {
-    /// Returns the name of the row in the log.
+    /// Returns the name of the log row for this turn.
     pub(super) fn row(&self) -> &'static str {
         match self {
             Turn::Set(_) => SET,
@@ -83,7 +84,7 @@ impl Turn {
         }
     }
 
-    /// Returns the name of the action in the log.
+    /// Returns the name of the turn's action in the log.
     pub(super) fn action(&self) -> &'static str {
         match self {
             Turn::Set(turn) => turn.action.name(),
@@ -93,13 +94,13 @@ impl Turn {
         }
     }
 
-    /// Returns the maximum number of repetitions that one row of the log counts; one minute has fewer. 0 for an output
-    /// set, because each of its turns has its own row.
+    /// Returns the maximum number of repetitions that one log row counts. One minute contains fewer turns. The number
+    /// is 0 for an output set, because each of its turns has its own row.
     pub(super) fn most_repetitions(&self) -> u64 {
         if matches!(self, Turn::Set(_)) { 0 } else { MOST_REPETITIONS }
     }
 
-    /// Returns whether the action is to do nothing.
+    /// Returns whether the controller has requested no action.
     pub(in crate::gateway) fn is_idle(&self) -> bool {
         match self {
             Turn::Set(turn) => matches!(turn.action, SetAction::Nothing { .. }),
@@ -137,7 +138,7 @@ impl Turn {
         }
     }
 
-    /// Formats the action for a message.
+    /// Formats the turn's action for a message.
     pub(super) fn in_words(&self) -> String {
         // Numbers, names and lists of them always have a JSON form.
         match self {
@@ -148,7 +149,7 @@ impl Turn {
         .unwrap_or_default()
     }
 
-    /// Returns the next turn (call of the controller), if it repeats this one.
+    /// Returns the turn (call of the controller) that would follow if this turn were repeated.
     pub(super) fn again(self) -> Turn {
         match self {
             Turn::Position(turn) => Turn::Position(turn.again()),
@@ -221,7 +222,7 @@ pub struct HeartbeatSnapshot {
 }
 
 impl ControllerSnapshot {
-    /// Returns the name of the row that contains the snapshot.
+    /// Returns the name of the log row that contains the snapshot.
     pub(super) fn name(&self) -> &'static str {
         match self {
             ControllerSnapshot::Set(_) => SET_BEGIN,

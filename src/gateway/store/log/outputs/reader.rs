@@ -15,11 +15,11 @@ use isotherm_core::output::{Action, Fact, Input};
 use isotherm_core::quantity::{Counts, Moment, time};
 use isotherm_profile::safe_file::{self, Lines};
 
-/// Names of rows that only earlier versions wrote: the Cz in a corrected position, and the save numbers of state and
-/// register ledger.
+/// Names of log rows that only earlier versions wrote. `cz` contains the Cz in a corrected position, and `sealed` the
+/// save numbers of state and register ledger.
 const EARLIER: [&str; 2] = ["cz", "sealed"];
 
-/// Row of the output log.
+/// Row of the output log. The log contains one row for each input of an output controller.
 #[derive(Clone, Debug, PartialEq)]
 pub struct OutputRow {
     /// Line number in the file of the output log.
@@ -47,14 +47,14 @@ pub enum Entry {
     /// Settings and state from which the controller of an output set, of a corrected position (position plus Cz), or of
     /// a heartbeat continues.
     Resumes(Box<ControllerSnapshot>),
-    /// Turn of such a controller: one call of the controller by the line task.
+    /// Turn of a controller of one of these kinds: one call by the line task.
     Turn {
         /// Number of times that the previous turn (call of the controller) was repeated.
         repetitions: u64,
         /// Turn (call of the controller), with its input and action.
         turn: Turn,
     },
-    /// Information for readers of the log, which a replay ignores.
+    /// Information for people who read the log. A replay ignores it.
     Noted,
 }
 
@@ -82,7 +82,7 @@ impl<R: Read> OutputLogReader<R> {
     /// Reads the header. `file` is the name of the log in messages.
     ///
     /// # Errors
-    /// The header is not that of an output log.
+    /// The first line is not the header of an output log.
     pub fn open(input: R, file: &str) -> Result<OutputLogReader<R>, LogError> {
         let (_, input) =
             safe_file::first_line(input).map_err(|cause| unreadable(file, 1, &csv::Error::from(cause)))?;
@@ -96,12 +96,12 @@ impl<R: Read> OutputLogReader<R> {
         Ok(OutputLogReader { csv, file: file.to_owned(), record: StringRecord::new(), warnings: Vec::new() })
     }
 
-    /// Returns the defects of the log that did not prevent reading.
+    /// Returns sentences about defects of the log that did not prevent the reading.
     pub fn warnings(&self) -> &[String] {
         &self.warnings
     }
 
-    /// Reads the next row. Returns `None` at the end.
+    /// Reads the next row. Returns `None` at the end of the log.
     ///
     /// # Errors
     /// The row cannot be read. The error contains its line and column.
@@ -171,7 +171,7 @@ impl<R: Read> OutputLogReader<R> {
         count.filter(|count| *count <= most).ok_or_else(wrong)
     }
 
-    /// Parses an input or an action. The tuple contains the indices of the columns for its name, value and moment.
+    /// Parses an input or an action. The tuple contains the indices of three columns: name, value and moment.
     fn named<T>(
         &self,
         line: u64,
@@ -186,7 +186,7 @@ impl<R: Read> OutputLogReader<R> {
         of(self.cell(what), count, at).ok_or_else(wrong)
     }
 
-    /// Parses the columns of a value and of a moment. An empty value is `None`; an empty moment is [`Moment::END`].
+    /// Parses two columns: a value and a moment. An empty value is `None`; an empty moment is [`Moment::END`].
     fn value_and_moment(
         &self,
         line: u64,

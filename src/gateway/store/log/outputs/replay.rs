@@ -1,4 +1,4 @@
-//! Replay of an output log: gives its inputs to the controllers again, and compares the actions.
+//! Replay of an output log. The replay gives the logged inputs to the controllers again, and compares the actions.
 
 use std::collections::BTreeMap;
 
@@ -12,8 +12,8 @@ use isotherm_core::quantity::Moment;
 #[derive(Clone, Debug, Default)]
 pub struct OutputReplay {
     running: BTreeMap<String, Box<(Settings, Controller)>>,
-    /// Controllers of output sets, corrected positions and heartbeats, by name and kind of log row. Each has its last
-    /// turn (call by the line task).
+    /// Controllers of output sets, corrected positions and heartbeats. The key is the name and the kind of log row.
+    /// Each controller has its last turn (call by the line task).
     resumed: BTreeMap<(String, &'static str), Resumed>,
 }
 
@@ -25,9 +25,9 @@ type Resumed = (Box<ControllerSnapshot>, Option<Turn>);
 pub enum Replayed {
     /// The log row has no action to compare.
     Nothing,
-    /// The replay has the same action as the log.
+    /// The controller in the replay returned the same action as in the log.
     Same,
-    /// The replay has another action than the log.
+    /// The controller in the replay returned another action than in the log.
     Different {
         /// Action in the log, as text.
         recorded: String,
@@ -68,7 +68,7 @@ impl OutputReplay {
         Replayed::Different { recorded: message(recorded), replayed: message(replayed) }
     }
 
-    /// Replays a turn (recorded call of a controller), and before it the repetitions of the previous turn. Returns the
+    /// Replays the repetitions of the previous turn (recorded call of a controller), and then this turn. Returns the
     /// first difference.
     fn turn(&mut self, name: &str, (repetitions, recorded): (u64, &Turn), now: Moment) -> Replayed {
         let key = (name.to_owned(), recorded.row());
