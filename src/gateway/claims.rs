@@ -148,7 +148,10 @@ fn compare_with_others(own: &Claim, is_ignored: impl Fn(&Claim) -> bool) -> Resu
                     continue;
                 }
                 Answer::Failed(error) => {
-                    unseen = Some(format!("process {} did not report its registers: {error}", other.process));
+                    unseen = Some(format!(
+                        "the gateway of process {} did not report its registers: {error}",
+                        other.process
+                    ));
                     continue;
                 }
             };

@@ -1,5 +1,5 @@
-//! State that the tasks of the gateway share: the lock of the state, the access of a bus line to the state, and the
-//! calculations that run while the state is locked.
+//! State that the tasks of the gateway share: its lock, the access of a bus line to it, and the calculations that run
+//! while it is locked.
 
 pub(super) mod carry_out;
 pub(super) mod learning;

@@ -42,7 +42,7 @@ fn about<E>(axes: Result<&[usize], E>) -> Vec<RateSubject> {
 fn one(chosen: &[usize]) -> Result<usize, String> {
     match chosen {
         [one] => Ok(*one),
-        _ => Err("there are several axes: name the one that is meant (--axis)".to_owned()),
+        _ => Err("the profile has several axes: choose one with --axis".to_owned()),
     }
 }
 
@@ -188,7 +188,8 @@ impl CommandHandle {
         let places: Vec<usize> =
             axes.filter(|(_, axis)| axis.learning.is_some()).map(|(place, _)| place).collect();
         match places.is_empty() {
-            true => Err("no axis of the profile learns a model (`learn` in its probe)".to_owned()),
+            true => Err("no axis of the profile learns a model: set `learn` in the table `probe` of an axis"
+                .to_owned()),
             false => Ok(places),
         }
     }
@@ -453,11 +454,13 @@ impl CommandHandle {
                 Some((probed.refused?, why_refused(&shared.profile, place, probed.refused?, &probed)))
             });
             let taken = match why {
-                None => "used for the correction now".to_owned(),
-                Some((Refused::Doubted(_), why)) => format!("not used for the correction yet: {why}"),
+                None => "the error is used for the correction now".to_owned(),
+                Some((Refused::Doubted(_), why)) => {
+                    format!("the error is not used for the correction yet: {why}")
+                }
                 // The log keeps it, and a first model is learned from it.
                 Some((Refused::NoModel, why)) if settings.learning.is_some() => {
-                    format!("not used for a correction: {why}")
+                    format!("the error is not used for a correction: {why}")
                 }
                 Some((refused, why)) => {
                     // The comparison of the model with no compensation uses the error nevertheless.

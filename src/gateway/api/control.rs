@@ -4,7 +4,7 @@
 //! The client sends one line and receives one line: `disarm` → `ok z: off …` or `error …`. `measured z 3.2` sends a
 //! measured error in µm; `measured z clear` removes the correction from such errors. `confirm module` accepts a
 //! device. Every program that may open the socket file may send commands. The gateway accepts each verb once per
-//! second for an axis. A line may end with
+//! second for an axis. A line may end with these words:
 //!
 //! | word | meaning |
 //! |---|---|
@@ -498,7 +498,7 @@ fn line(exchange: &Exchange, json: bool) -> String {
 fn ended(count: u64, dropped: u64) -> String {
     let left_out = match dropped {
         0 => String::new(),
-        dropped => format!(", {dropped} more are left out because the client was too slow"),
+        dropped => format!(", {dropped} more exchanges are left out because the client was too slow"),
     };
     match count {
         0 => {

@@ -95,8 +95,8 @@ pub(in crate::gateway) fn is_idle(shared: &Shared) -> bool {
         })
 }
 
-/// Describes the values that remain in the registers: for each register, its last verified value, the age of this
-/// value, and the values that may still arrive.
+/// Describes the values that remain in the registers. The text contains the last verified value of each register, its
+/// age, and the values that may still arrive.
 pub(in crate::gateway) fn what_is_left(shared: &Shared) -> String {
     let core = shared.core();
     let now = shared.clock.now();

@@ -164,8 +164,8 @@ impl Program {
         Ok(Checked { image, prepared: Prepared::with(profile.as_ref()).map_err(no_memory)? })
     }
 
-    /// Replaces the running program by the one at the path, with the handover (profile and state in memory that cannot
-    /// be changed) as its standard input. Returns only if that program cannot be started; the text is a sentence.
+    /// Replaces the running program by the one at the path. Standard input is the handover (profile and state in
+    /// memory that cannot be changed). Returns only if the new program cannot be started; the text is a sentence.
     pub fn start(&self, handover: Option<&File>) -> String {
         let error = self.exec(&self.path, handover);
         format!("{} cannot be started: {}", self.path.display(), system(&error))

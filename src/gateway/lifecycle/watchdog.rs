@@ -80,8 +80,8 @@ impl Watchdog {
     }
 }
 
-/// Observations of one bus line. The line counts as blocked after a number of checks without progress. The limit is a
-/// number of checks instead of a time, because the computer may pause, and a pause is not a fault of the line.
+/// Observations of one bus line. The line counts as blocked after a number of checks without progress. The limit is
+/// not a time, because a pause of the computer is not a fault of the line.
 struct LineObservation {
     turns: u64,
     /// Number of consecutive checks in which the line task has made no progress.

@@ -67,8 +67,8 @@ pub(in crate::gateway) struct LineTask {
     /// Whether this task steps (calculates) axes, because inputs of an axis are read on this line. If the profile has
     /// no axis, one line task reports the changes of the signals instead.
     steps_axes: bool,
-    /// Whether another line needs values that are read on this line: a position for an output that writes position
-    /// plus Cz, or the result of a probing cycle.
+    /// Whether another line needs values that are read on this line. Such a value is a position for an output that
+    /// writes position plus Cz, or the result of a probing cycle.
     feeds_others: bool,
     step_due: Option<Moment>,
     pending: Pending,
@@ -360,9 +360,9 @@ impl LineTask {
         self.polls.iter().min_by_key(|poll| poll.due())?.asks_next(by)
     }
 
-    /// Returns whether the axes may be stepped (calculated). This happens at the end of a round of reads: an axis
-    /// that is due waits for its inputs. The axis waits neither for a slow device nor for a device that is due again
-    /// directly after its last read.
+    /// Returns whether the axes may be stepped (calculated). This happens at the end of a round of reads, because an
+    /// axis that is due waits for its inputs. The axis does not wait for a slow device, or for a device that is due
+    /// again directly after its last read.
     fn may_step(&self, now: Moment) -> bool {
         // Reads that must wait for the Modbus gateway do not delay the axes.
         let is_outstanding = |by: Moment| {
@@ -376,8 +376,8 @@ impl LineTask {
     }
 
     /// Returns the index of the device with the most urgent read; `None` if no read is urgent. The read of a position
-    /// that an output corrects is urgent if it has waited for too long. Any other read is urgent if the readings of
-    /// the device have reached half of their `max_age`.
+    /// that an output corrects is urgent if it has waited for too long. A read is also urgent if the readings of the
+    /// device have reached half of their `max_age`.
     fn pressing(&self, now: Moment) -> Option<usize> {
         let due = self.reads_due(now).filter(|(due, ..)| *due <= now);
         let polls = due.map(|(.., place)| (place, &self.polls[place]));
@@ -388,7 +388,7 @@ impl LineTask {
     }
 
     /// Returns three facts for each device: the earliest time of its next read, whether another device must be read
-    /// first, and the index of the device.
+    /// first, and its index.
     fn reads_due(&self, now: Moment) -> impl Iterator<Item = (Moment, bool, usize)> {
         let may_begin = move |poll: &Poll| {
             let occupied_until = self.line.occupied_until(poll.device, now);

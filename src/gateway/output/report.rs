@@ -87,8 +87,8 @@ pub(super) fn not_sent(shared: &LineHandle, id: OutputId, why: Inadmissible) {
     shared.core().disarm(output.axis, why);
 }
 
-/// Returns the event that asks the operator about the value of a shared register: which part is the operator offset,
-/// and which part has the gateway added?
+/// Returns the event with a question to the operator about the value of a shared register: which part is the operator
+/// offset, and which part is from the gateway?
 pub(super) fn question((register, controller): (&OutputRegister, &Controller), output: &str) -> Event {
     let holds = controller.held(&register.settings);
     let (output, holds) = (output.to_owned(), register.units.in_text(holds));

@@ -32,7 +32,7 @@ impl Single {
         self.controller.follow() == Follow::Late
     }
 
-    /// Executes one turn of the output (work of the line task on it): carries out the actions of its controller until
+    /// Executes one turn of the output (work of the line task on it). Carries out the actions of its controller until
     /// the controller has no further action.
     pub(in crate::gateway) async fn turn(&mut self, turn: &mut LineTurn<'_>) {
         let (shared, now) = (turn.shared, turn.now);

@@ -77,7 +77,7 @@ impl GatewayState {
             Preferred::Learned(model) => format!("model {}", model.name),
         };
         self.prefer(axis, Some(change))?;
-        Ok(format!("{name}: follows {to} from the next step in which Cz does not move"))
+        Ok(format!("{name}: the axis follows {to} from the next step in which Cz does not move"))
     }
 
     /// Requests a change of the preferred model, and records the request in the log. `None` withdraws a request that

@@ -80,8 +80,8 @@ impl NamespaceWatch {
             let found = match located {
                 Located::Ambiguous => format!("the server has namespace {was} (ns={index}) more than once"),
                 Located::Unclear => format!(
-                    "nodes of ns={index} were added to the profile; ns={index} was namespace {was}, which has \
-                     another index now; ns={index} is {is} now"
+                    "the profile has new nodes with ns={index}. This index was namespace {was}, which now has \
+                     another index; it is now {is}"
                 ),
                 _ => format!("the server no longer has namespace {was} (ns={index}); ns={index} is {is}"),
             };

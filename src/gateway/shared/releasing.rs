@@ -32,7 +32,7 @@ const AS_SHOWN_UM: f64 = 0.05;
 /// Cause and hint that the status shows for the axis of a finished release.
 const OVER: (&str, &str) = (
     "the register is back at its base value: the release is over",
-    "nothing is left to do: the next start does not have this axis",
+    "no action is necessary: after the next start of the gateway, this axis no longer exists",
 );
 
 /// Requests to arm the additional axis of each release that begins with this start. A release returns a register to
@@ -185,7 +185,7 @@ pub(in crate::gateway) fn ask(
         return Err("the gateway is stopping".into());
     }
     if core.storage.keeps_nothing() {
-        return Err(Explained::new("there is no state directory", "name one with --state"));
+        return Err(Explained::new("there is no state directory", "set one with --state"));
     }
     if core.storage.is_in_question() {
         let cause =

@@ -106,7 +106,7 @@ impl Shared {
     }
 
     /// Locks the state until the returned lock guard is dropped. If a task has panicked while it held the lock, the
-    /// state is returned nevertheless: the gateway is stopping, and the fault actions need the state.
+    /// gateway is stopping. The state is returned nevertheless, because the fault actions need it.
     pub(in crate::gateway) fn core(&self) -> StateGuard<'_> {
         StateGuard::new(self.core.lock().unwrap_or_else(PoisonError::into_inner), self)
     }

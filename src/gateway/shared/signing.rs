@@ -127,7 +127,7 @@ fn not_ready(core: &GatewayState, axis: usize, now: Moment) -> Option<Explained>
     let why = core.why(axis, now);
     Some(match decision {
         None => why.within(|cause| format!("the axis is off: {cause}")),
-        Some(_) if why.cause.is_empty() => "its registers do not hold its offset yet".into(),
+        Some(_) if why.cause.is_empty() => "the registers of the axis do not hold its offset yet".into(),
         Some(decision) => {
             let does = AxisState::display_of(decision.state.name());
             why.within(|cause| format!("the axis is {does}: {cause}"))

@@ -1,5 +1,5 @@
-//! State of the gateway that a lock protects, and the step of the axes (calculation of their Cz): arming, decisions,
-//! reports, and the row in the log.
+//! State of the gateway that a lock protects, and the step of the axes (calculation of their Cz). A step includes
+//! arming, decisions, reports, and the row in the log.
 
 use std::time::Duration;
 
@@ -288,7 +288,7 @@ impl GatewayState {
         }
     }
 
-    /// Returns whether an event of the whole machine makes a step of the axes necessary: the machine has started to
+    /// Returns whether an event of the whole machine makes a step of the axes necessary. The machine has started to
     /// run, or an operator has captured zero.
     fn would_notice(&self, now: Moment) -> bool {
         let value = |id| self.board.value(id, now);

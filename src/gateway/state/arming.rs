@@ -149,8 +149,8 @@ impl Arming {
         !self.is_armed() && self.is_wanted(profile, axis)
     }
 
-    /// Returns what the axis is requested to do, for the display: be armed, follow the model, check the sign, or
-    /// nothing because it has no model.
+    /// Returns what the axis is requested to do, for the display: be armed, follow the model, or check the sign. An
+    /// axis without a model is requested to do nothing.
     pub(in crate::gateway) fn intent(&self, profile: &Profile, axis: usize) -> Intent {
         match self.sign {
             None if !profile.axes[axis].has_model() => Intent::Unmodelled,
@@ -226,7 +226,7 @@ impl Arming {
             if let Some((output, _)) = outputs.of_axis(axis).find(displaced) {
                 return Attempt::Refused(Explained::new(
                     format!(
-                        "the control applies a slope, but its reference position is not the one that output {} writes",
+                        "the control applies a slope, but with another reference position than output {} writes",
                         output.name
                     ),
                     "set the slope to zero at the CNC",

@@ -132,9 +132,9 @@ impl CauseInputs<'_> {
             (Permit::Off, None, None) if arming.asked.is_some() => match self.devices.unconfirmed(axis) {
                 Some((device, cause)) => {
                     let name = &profile.device(device).name;
-                    format!("{name} has unchecked settings: {cause}").into()
+                    format!("the settings of {name} are not checked yet: {cause}").into()
                 }
-                None => "not all devices answered yet".into(),
+                None => "not all devices have answered yet".into(),
             },
             _ => match (&decision.extrapolating, &decision.stood_in) {
                 (Some(found), _) if !decision.state.is_following() => extrapolation::cause(profile, found),
@@ -199,7 +199,7 @@ fn lacking(
     match lacks {
         Unusable::Signal(id) => bad(id),
         Unusable::Reference(id) if !has_run => Explained::new(
-            format!("no machine start seen yet, and {} is measured from machine start", name(id)),
+            format!("no machine start was detected yet, and {} is measured from machine start", name(id)),
             RUN_IT,
         ),
         Unusable::Reference(id) => Explained::new(
@@ -215,7 +215,7 @@ fn lacking(
             name(id)
         )
         .into(),
-        Unusable::MachineOff => Explained::new("no machine start seen yet", RUN_IT),
+        Unusable::MachineOff => Explained::new("no machine start was detected yet", RUN_IT),
         Unusable::NotANumber => Explained::new(
             "the model's result is invalid",
             "check the coefficients of the model and the values of its signals",

@@ -95,8 +95,8 @@ impl Devices {
         changed.or_else(unconfirmed).unwrap_or(&Continuity::Confirmed)
     }
 
-    /// Returns the first device of the axis whose checks have not been read since the last break of its continuity,
-    /// and the cause of this break. `None` if there is no such device.
+    /// Returns the first device of the axis whose checks have not been read since the last break of its continuity.
+    /// The second value is the cause of this break. `None` if there is no such device.
     pub(super) fn unconfirmed(&self, axis: usize) -> Option<(DeviceId, Break)> {
         self.of_axis.of(axis).find_map(|device| match self.devices[device].state() {
             Continuity::Unconfirmed { cause, .. } => Some((DeviceId(device), *cause)),

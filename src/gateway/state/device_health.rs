@@ -293,8 +293,8 @@ impl DeviceHealth {
     }
 
     /// Returns whether the result of a request shows the state of the bus line's connection. On CAN, only the
-    /// listener of the interface reports this state, because the result of a request can be older than a change of
-    /// the state.
+    /// listener of the interface reports this state. There, the result of a request can be older than a change of the
+    /// state.
     fn requests_show_link(&self, bus: BusId) -> bool {
         !self.profile.bus(bus).transport.is_can()
     }

@@ -170,7 +170,7 @@ fn not_better(offer: &Offer) -> Explained {
     Explained::new(cause, "probe the axis on more days; the candidate is compared again on each day")
 }
 
-/// Returns the change by which the axis uses its previous model again.
+/// Returns the change that makes the axis use its previous model again.
 ///
 /// # Errors
 /// The axis has no previous model. The error contains the reason.

@@ -125,7 +125,7 @@ pub(in crate::gateway) fn why_refused(
         Refused::Implausible => {
             let settings = &profile.axes[axis].settings;
             let most = settings.probe.map_or(Micron::ZERO, |probe| probe.max_error);
-            let more = format!("more than the {most} of axis.{}.probe.max_error", settings.name);
+            let more = format!("more than the {most} that axis.{}.probe.max_error allows", settings.name);
             Explained::new(format!("{}, {more}", wrong_by(probed)), "measure again")
         }
         Refused::Doubted(most) => Explained::new(

@@ -58,7 +58,7 @@ const LIMIT_LASTS_AFTER: Duration = Duration::from_secs(5 * 60);
 const SHOWN_CONTRIBUTIONS: usize = 3;
 
 impl Levels {
-    /// Adds events about the limit of the axis after a decision: the axis has reached its limit, has been at the
+    /// Adds events about the limit of the axis after a decision. The axis has reached its limit, has been at the
     /// limit for long, or is clearly within the limit again.
     fn report_limit(
         &mut self,

@@ -122,8 +122,8 @@ impl SignalScale {
         of_device.wrapping_add(self.changes)
     }
 
-    /// Returns the reason for rejecting a value that differs too much from the last value before a break of the
-    /// continuity or a change of the scale.
+    /// Returns the reason for rejecting a value that differs too much from an earlier value. Between the two values,
+    /// the continuity was broken or the scale has changed.
     pub(super) fn why_jumped(&self) -> Reason {
         match self.plausibility {
             Plausibility::Confirmed => Reason::Jumped,

@@ -58,8 +58,8 @@ fn one_put_back(
     let wrong = |why: String| format!("{name} of the backup is rejected: {why}");
     if name != file_name(machine) {
         return Err(wrong(format!(
-            "this is no state of {machine} that this version can read: restore it with the version that made \
-             it"
+            "the file is not a state of {machine} that this version can read: restore it with the version \
+             that created it"
         )));
     }
     let (seal, content) = read(bytes, machine).map_err(|unfit| wrong(unfit.to_string()))?;

@@ -66,10 +66,10 @@ pub fn read(
 }
 
 fn parse(bytes: &[u8], axis: &str) -> Result<Offer, String> {
-    let file: File =
-        serde_json::from_slice(bytes).map_err(|why| format!("the file is no candidate: {why}"))?;
+    let file: File = serde_json::from_slice(bytes)
+        .map_err(|why| format!("the file is not a candidate of a model: {why}"))?;
     if file.format != FORMAT || file.version != VERSION {
-        return Err(format!("the file is no candidate of version {VERSION}"));
+        return Err(format!("the file is not a candidate of a model in version {VERSION}"));
     }
     if file.sha256 != seal(&file.offer)? {
         return Err("the checksum is wrong: the file was changed or damaged".to_owned());
@@ -139,7 +139,7 @@ mod tests {
             ("\"runs\":5", "\"runs\":6", "checksum is wrong"),
             ("\"version\":1", "\"version\":2", "no candidate of version 1"),
             ("isotherm-candidate", "isotherm-products", "no candidate"),
-            ("{\"format\"", "{\"forma\"", "the file is no candidate"),
+            ("{\"format\"", "{\"forma\"", "the file is not a candidate of a model"),
         ] {
             assert!(text.contains(from), "{text}");
             std::fs::write(&path, text.replacen(from, to, 1)).unwrap();

@@ -16,7 +16,7 @@ use isotherm_profile::safe_file;
 const LARGEST: u64 = 16 * 1024 * 1024;
 const DIRECTORY_MODE: u32 = 0o750;
 const FILE_MODE: u32 = 0o640;
-/// Permission bit for writing by users who are neither the owner nor in the group of a file.
+/// Permission bit for writing by other users: not the owner of a file, and not in its group.
 const OTHERS_WRITE: u32 = 0o002;
 
 /// File system for documents. Tests replace it by a file system that fails.

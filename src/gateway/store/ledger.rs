@@ -62,7 +62,7 @@ impl Ledger {
         (journal, clock): (&Journal, &Clock),
     ) -> Ledger {
         if profile.outputs.iter().any(is_shared) {
-            let why = Explained::new("there is no state directory", "name one with --state");
+            let why = Explained::new("there is no state directory", "set one with --state");
             journal.report(clock.now(), &Event::NotKept { what: WHAT.to_owned(), why });
         }
         let (profile, clock) = (profile.clone(), clock.clone());
@@ -167,8 +167,8 @@ fn unwritten_entries(profile: &Profile) -> Entries {
     outputs.map(|output| (output.name.clone(), entry(output))).collect()
 }
 
-/// Returns the saved entries for the outputs of this profile. For a shared register whose gateway share (part that the
-/// gateway added) is not known, the entry is in question, so that the operator must decide.
+/// Returns the saved entries for the outputs of this profile. If the gateway share of a shared register (part that
+/// the gateway added) is not known, its entry is in question. The operator must then decide.
 fn found(profile: &Profile, before: Entries, is_readable: bool, remembers: impl Fn(&str) -> bool) -> Entries {
     let mut found = Entries::new();
     let names: HashSet<&str> = profile.outputs.iter().map(|output| output.name.as_str()).collect();

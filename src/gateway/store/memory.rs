@@ -1,5 +1,5 @@
-//! State of a machine that is saved for the next start: time since machine start, references, lags, datums (zero points
-//! of Cz), results of probing, last verified Cz, and last good values.
+//! State of a machine that is saved for the next start. It contains the time since machine start, references, lags,
+//! datums (zero points of Cz), results of probing, last verified Cz, and last good values.
 //!
 //! The [store](super::documents) saves the state. If the saved state is rejected, the gateway starts without a saved
 //! state, and an operator must arm the axes.

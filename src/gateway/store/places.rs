@@ -322,8 +322,8 @@ impl Places {
         }
     }
 
-    /// Returns whether an entry of the register ledger belongs to a release: a release has changed the register, and
-    /// no output of the last run uses it.
+    /// Returns whether an entry of the register ledger belongs to a release. A release has then changed the register,
+    /// and no output of the last run uses it.
     pub(in crate::gateway) fn is_of_a_release(&self, name: &str, entry: &Entry) -> bool {
         let is_of_release = |place: &OutputPlace| {
             place.axis.starts_with(AXIS) && self.outputs.values().all(|output| output.axis != place.axis)

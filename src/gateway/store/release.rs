@@ -169,7 +169,7 @@ impl ReturningRegister {
             (Some(was), Some((is, _))) if (is - was).abs() <= self.grain_um => Ok(()),
             (Some(was), Some((is, _))) => Err(Explained::new(
                 format!(
-                    "{place} holds {is:.1} besides the {ours:.1} µm from the gateway, but the operator \
+                    "{place} holds {is:.1} in addition to the {ours:.1} µm from the gateway, but the operator \
                      offset was {was:.1}: perhaps the gateway share was removed by hand"
                 ),
                 compare,
@@ -325,8 +325,9 @@ fn way(
     if let Some(obstacle) = bounds.obstacle {
         return Err(by_hand(obstacle.cause().to_owned()));
     }
-    let (register, encoding) = register(place)
-        .ok_or_else(|| by_hand(format!("no register can be read as {} {}", place.address, place.layout)))?;
+    let (register, encoding) = register(place).ok_or_else(|| {
+        by_hand(format!("the program cannot read a register {} of type {}", place.address, place.layout))
+    })?;
     let device = device_at(profile, place).ok_or_else(|| {
         Explained::new(
             format!(
@@ -349,7 +350,7 @@ fn way(
     let settings = profile.device(device);
     if settings.functions.writes(count).is_none() || !settings.functions.reads(Table::Holding) {
         return Err(by_hand(format!(
-            "`functions` of device {} do not allow this register to be read and written",
+            "`functions` of device {} do not allow reading and writing of this register",
             settings.name
         )));
     }
@@ -357,7 +358,7 @@ fn way(
     let when = bounds.when.as_ref().map(|text| {
         Condition::parse(text, &signal).map_err(|_| {
             by_hand(format!(
-                "the interlock of this register, {text}, has a signal that the profile no longer has"
+                "the interlock {text} of this register has a signal that is no longer in the profile"
             ))
         })
     });

@@ -36,8 +36,8 @@ use stamps::{Stamped, Stamps};
 use thread::StorageThread;
 
 /// Minimum time between two regular saves of the state; a last save follows at the end. The logs are synchronised to
-/// disk at the same times. After a power cut, at most the last 10 s of the logs are missing: this time, one step, and
-/// the delay of a slow disk.
+/// disk at the same times. After a power cut, at most the last 10 s of the logs are missing. They are the sum of this
+/// time, one step, and the delay of a slow disk.
 const REMEMBER_EVERY: Duration = Duration::from_secs(8);
 /// Maximum wait for the disk at the end of a run.
 const LAST_PATIENCE: Duration = Duration::from_secs(5);

@@ -170,7 +170,7 @@ fn without_a_memfd_or_with_a_full_state_directory_the_old_gateway_goes_on_and_sa
     let path = std::env::var("PATH").unwrap();
     let by = ["/usr/bin/env", "python3", "-c", WITHOUT_MEMFD];
     let mut service = Service::start_by(|text| text, &by, &[("PATH", path.as_str())], |_, _| ());
-    resumes(&mut service, "makes no sealed memfd (Operation not permitted)");
+    resumes(&mut service, "cannot create a sealed memfd (Operation not permitted)");
     let mut service = Service::start(|text| text);
     // A file cannot replace a directory.
     std::fs::create_dir(service.home.path().join("state/walker.handover.rehearsal")).unwrap();

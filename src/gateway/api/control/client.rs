@@ -154,7 +154,7 @@ struct Process(OwnedFd);
 
 impl Process {
     /// Returns the process at the other end of the connection. `None` if this program cannot see the process, for
-    /// example because the process runs inside a container.
+    /// example because one of the two runs inside a container.
     fn behind(stream: &UnixStream) -> Option<Process> {
         let peer = socket_peercred(stream).ok()?;
         pidfd_open(peer.pid, PidfdFlags::empty()).ok().map(Process)

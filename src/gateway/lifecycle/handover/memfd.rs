@@ -117,7 +117,7 @@ impl Prepared {
 fn no_memory(error: io::Error) -> io::Error {
     let error = without_numbers(&error.to_string());
     io::Error::other(format!(
-        "this system makes no sealed memfd ({error}): is memfd_create forbidden by a filter of system calls?"
+        "this system cannot create a sealed memfd ({error}): does a filter of system calls forbid memfd_create?"
     ))
 }
 
@@ -230,7 +230,7 @@ impl Arrival {
                 "the state directory has no digest of the handover, or the handover was used before",
             )),
             Some(digest) if digest != found.digest => {
-                Err(refused("the digest in the state directory is of another handover"))
+                Err(refused("the digest in the state directory belongs to another handover"))
             }
             Some(_) => Ok(Some(found.handover)),
         }

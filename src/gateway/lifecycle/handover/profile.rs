@@ -79,8 +79,8 @@ impl KeptProfile {
         memory::create(ANSWER)
     }
 
-    /// Seals the `memory` to which a checking program has written the sources against changes. Returns `None` if the
-    /// memory is empty, because the checking program has an older version.
+    /// Seals `memory` against changes. A checking program has written the sources to it. Returns `None` if the memory
+    /// is empty, because the checking program has an older version.
     ///
     /// # Errors
     /// The sources are too large, or the system cannot seal them. The error is a part of a sentence.

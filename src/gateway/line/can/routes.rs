@@ -71,8 +71,8 @@ impl Routes {
     }
 }
 
-/// Returns the bus lines to wake when a signal was received: the line of the output that corrects this position
-/// signal, or all lines if a probing cycle needs the signal.
+/// Returns the bus lines to wake when a signal was received. These are the lines of the outputs that correct this
+/// position signal. If a probing cycle needs the signal, they are all lines.
 fn wakes(profile: &Profile, id: SignalId) -> Vec<BusId> {
     let is_corrected = |writes| matches!(writes, Writes::Corrected { position } if position == id);
     let outputs = profile.outputs.iter().filter(|output| is_corrected(output.writes));

@@ -81,8 +81,8 @@ impl Poll {
         self.requests.len()
     }
 
-    /// Returns the time at which the next request of the device is due: the repetition of an unanswered request, the
-    /// present round, or the next round.
+    /// Returns the time at which the next request of the device is due. The request repeats an unanswered request,
+    /// continues the present round, or begins the next round.
     pub(super) fn due(&self) -> Moment {
         self.again.or(self.under_way.map(|(due, _)| due)).unwrap_or(self.next)
     }

@@ -111,7 +111,7 @@ fn read(place: &Path, name: &str, unusable: &mut Vec<String>) -> Option<Vec<u8>>
         }
     } else {
         format!(
-            "a name in a backup has at most {LONGEST_NAME} characters, and only those of the names that learning gives"
+            "a file name in a backup may have at most {LONGEST_NAME} characters: letters, digits and any of - _ . : @"
         )
     };
     unusable.push(format!("{} is left out of the backup: {why}", path.display()));

@@ -71,8 +71,8 @@ impl fmt::Display for DocumentRejection {
             }
             DocumentRejection::Earlier(found) => write!(
                 f,
-                "the file has the old layout {found}. Run a version of isotherm between the two for a \
-                 short time, or let the operator arm the axes"
+                "the file has the old layout {found}. Run an intermediate version of isotherm for a short \
+                 time, or let the operator arm the axes"
             ),
             DocumentRejection::Because(why) => f.write_str(why),
         }

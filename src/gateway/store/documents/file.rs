@@ -78,7 +78,7 @@ impl StoreFile {
     /// Saves the document. If the function returns no error, the document is on disk.
     pub(in crate::gateway) fn save(&mut self) -> Result<()> {
         if self.is_of_a_later_version {
-            let text = format!("{} is of a later version of the program", self.document.display());
+            let text = format!("a later version of the program has written {}", self.document.display());
             return Err(Error::other(text));
         }
         while let Some((path, beside)) = self.aside.last() {

@@ -117,8 +117,7 @@ pub struct LoggedDecision {
     /// Expected residual error, µm. The outer `None` means that the log has no such column. The inner `None` means
     /// that the cell is empty.
     pub expected: Option<Option<f64>>,
-    /// Name of the sensor that a stand-in replaces (a value estimated from other sensors). `None` if the log has no
-    /// such column.
+    /// Name of the sensor that a stand-in replaces. `None` if the log has no such column.
     pub stood_in: Option<String>,
     /// "1" if the axis was worse with its model than without compensation. `None` if the log has no such column.
     pub worse: Option<String>,
@@ -130,8 +129,7 @@ pub struct LogReader<R> {
     csv: csv::Reader<Lines<R>>,
     file: String,
     dialect: Dialect,
-    /// Whether numbers have a decimal point, as this program writes them: commas separate the columns, and no mark
-    /// was set.
+    /// Whether numbers have a decimal point: commas separate the columns, and no decimal mark was set.
     has_points: bool,
     names: Vec<String>,
     /// Conversion of the unit for each column whose name contains a unit.
@@ -213,7 +211,7 @@ impl<R: Read> LogReader<R> {
             return Err(error("the log is empty; its first line names the columns".to_owned()));
         }
         let time = TimeColumns::find(&headers, time_unit).ok_or_else(|| {
-            error(format!("there is no column {TIME}; there are {}", quoted(&headers.join(", "))))
+            error(format!("there is no column {TIME}; the columns are {}", quoted(&headers.join(", "))))
         })?;
         if time.is_in_utc {
             dialect = dialect.in_utc();
@@ -240,7 +238,8 @@ impl<R: Read> LogReader<R> {
         }
         let mut warnings = recording.remarks;
         if !missing.is_empty() {
-            warnings.push(format!("{file}: not in the log: {}", quoted(&missing.join(", "))));
+            warnings
+                .push(format!("{file}: these signals are not in the log: {}", quoted(&missing.join(", "))));
         }
         let mut lines = recording.implausible;
         let lines_of =
@@ -454,7 +453,7 @@ impl<R: Read> LogReader<R> {
         };
         let word = self.cell(place).trim();
         let permit = Permit::from_name(word).ok_or_else(|| {
-            self.error(line, place, format!("`{word}` is none of off, armed, unverified, stopping"))
+            self.error(line, place, format!("`{word}` is not one of off, armed, unverified, held, stopping"))
         })?;
         Ok(Control { permit, take_over, take_over_slope, forget, measured, sign, trust, behind, return_to })
     }

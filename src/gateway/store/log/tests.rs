@@ -64,7 +64,10 @@ fn seconds_and_dates_are_exact_to_the_nanosecond() {
 #[test]
 fn a_log_from_elsewhere_needs_only_time_and_a_signal() {
     let (rows, warnings) = rows("\u{feff}time, bed ,z_error_um\n0,27.5,-8\n10,,\n").unwrap();
-    assert_eq!(warnings, ["day.csv: not in the log: wheelhead, hydraulics_on, zero_button"]);
+    assert_eq!(
+        warnings,
+        ["day.csv: these signals are not in the log: wheelhead, hydraulics_on, zero_button"]
+    );
     assert_eq!(rows[0].readings[0].usable(), Some(27.5));
     assert_eq!(rows[0].readings[1].quality, Quality::Bad(Reason::NotInLog));
     assert_eq!(rows[1].readings[0].quality, Quality::Bad(Reason::NotInLog));
@@ -128,7 +131,7 @@ fn cells_and_times_of_loggers_are_read_as_identify_reads_them() {
 fn what_cannot_be_read_is_named_with_its_place() {
     for (log, words) in [
         ("", "line 1: the log is empty"),
-        ("when,bed\n0,1\n", "there is no column time; there are when, bed"),
+        ("when,bed\n0,1\n", "there is no column time; the columns are when, bed"),
         ("time,bed\n0,\"1,020\"\n", "line 2, column bed: `1,020` can be 1020 or 1.020"),
         ("time;bed\n0;1,5\n5;1.5\n", "line 3, column bed: `1.5` and `1,5`"),
         ("time,oil\n0,1\n", "none of the profile's signals is in the log: bed,"),
@@ -146,7 +149,7 @@ fn what_cannot_be_read_is_named_with_its_place() {
         ("time,bed\n0,1\nnoon,1\n", "line 3, column time: `noon` is no time"),
         ("time,bed\n,1\n", "line 2, column time: the time is missing"),
         ("time,bed,wheelhead\n0,1\n5,1,1\n", "line 2: the row has 2 cells, but the header has 3"),
-        ("time,bed,z_permit\n0,1,maybe\n", "line 2, column z_permit: `maybe` is none of off, armed"),
+        ("time,bed,z_permit\n0,1,maybe\n", "line 2, column z_permit: `maybe` is not one of off, armed"),
         ("time,bed,machine_memory\n0,1,{\n", "line 2, column machine_memory"),
     ] {
         let message = refused(log);

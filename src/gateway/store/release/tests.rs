@@ -227,12 +227,12 @@ fn each_obstacle_is_said_with_what_to_do() {
         (
             "node",
             placed(&|place| place.address = "node ns=2;i=5".into()),
-            "no register can be read as node ns=2;i=5",
+            "the program cannot read a register node ns=2;i=5",
         ),
         (
             "interlock",
             bounded(&|bounds| bounds.when = Some("door == 1".into())),
-            "the interlock of this register, door == 1, has a signal",
+            "the interlock door == 1 of this register has a signal",
         ),
         (
             "taken",

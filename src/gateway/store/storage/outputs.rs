@@ -89,7 +89,7 @@ pub(in crate::gateway) struct OutputsLog {
     stamps: Stamps,
     tears: Arc<RowLosses>,
     counts: (usize, usize),
-    /// Latest time of a row of the output log. The file of a row depends on this time: a turn that began before
+    /// Latest time of a row of the output log, which determines the file of the row. A turn that began before
     /// midnight and ended after it is in the file of the new day.
     latest: Moment,
     /// Series of log rows without a gap to which the last row belongs; `None` before the first row.

@@ -299,8 +299,8 @@ impl DayFile {
         Ok(self.file.insert(file))
     }
 
-    /// Opens the log file of the day. Begins a new file in three cases: the existing file has other columns, its last
-    /// row is later than `stamp`, or its rows are from before the clock was set.
+    /// Opens the log file of the day. Begins a new file if the existing file has other columns, or if its last row is
+    /// later than `stamp`. Also begins a new file if the rows are from before the clock was set.
     fn open(&self, stamp: Moment, is_set: bool) -> std::io::Result<WholeRows> {
         let day = day(stamp);
         make_directory(&self.directory)?;

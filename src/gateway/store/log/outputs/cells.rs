@@ -121,7 +121,7 @@ impl DemandDetail {
 /// Cells of a log row for an input or an action: name, value and moment. The moment [`Moment::END`] is an empty cell.
 type Cells = (&'static str, Option<Counts>, Moment);
 
-/// Names of the inputs that have neither value nor moment.
+/// Names of the inputs without value and moment.
 pub(super) const PLAIN: [(&str, Input); 24] = [
     ("look", Input::Fact(Fact::Look)),
     ("goes-along", Input::Fact(Fact::PiggybackAsked)),
