@@ -210,7 +210,7 @@ fn what_is_wrong_with_a_node_is_told_at_its_key() {
         "\"holding:84\"",
         "signal.scale_z.node",
         "\"holding",
-        &["is no node", "ns=2;s="],
+        &["is not a node", "ns=2;s="],
     );
     no_server("node = \"ns=3;i=1005\"\n", "", "signal.scale_z.node", "scale_z]", &["`node` is missing"]);
     no_server(

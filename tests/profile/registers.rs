@@ -180,7 +180,7 @@ fn what_cannot_be_a_scale_is_refused_with_what_can() {
         ("scale_from = \"input:9.3\"\n", "scale_from", "\"input:9.3\"", ["one bit", "holding:12.8-11"]),
         ("scale_from = \"input:9.8-19\"\n", "scale_from", "\"input:9.8-19\"", ["beyond", "holding:12"]),
         ("scale_from = \"input:0\"\n", "scale_from", "\"input:0\"", ["the value itself", "holding:12"]),
-        ("decimals_from = \"inputt:9\"\n", "decimals_from", "\"inputt:9\"", ["no register", "input"]),
+        ("decimals_from = \"inputt:9\"\n", "decimals_from", "\"inputt:9\"", ["not a register", "input"]),
     ] {
         refused(BED, &value(keys), &format!("signal.bed.{key}"), at, &words);
     }

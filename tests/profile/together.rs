@@ -55,7 +55,7 @@ fn a_strobe_must_be_written_and_an_acknowledge_read() {
     shaken_refused("coil:20", "coil:20.1", strobe, "\"coil:20.1", &["one bit already"]);
     shaken_refused("coil:20", "holding:101.16", strobe, "\"holding", &["0 to 15"]);
     shaken_refused("discrete:20", "coil:20", acknowledge, "\"coil:20", &["the strobe signal itself"]);
-    shaken_refused("discrete:20", "bit:20", acknowledge, "\"bit:20", &["no register table", "discrete:20"]);
+    shaken_refused("discrete:20", "bit:20", acknowledge, "\"bit:20", &["register table", "discrete:20"]);
     let beat = HANDSHAKE.replacen("coil:20", "holding:100", 1);
     let text = shaken().replacen(HANDSHAKE, &beat, 1);
     reported(

@@ -61,7 +61,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-/// Axis with `Cz = 2.4 · (bed − wheelhead)`, in steps of at most 1 µm every ten seconds.
+/// Returns the settings of an axis with `Cz = 2.4 · (bed − wheelhead)`. Cz changes by at most 1 µm in ten seconds.
 fn axis() -> Result<AxisSettings, Box<dyn Error>> {
     let gain = MicronPerCelsius::try_from(2.4)?;
     let term = |signal, gain| Term { input: Input::of(signal, Reference::Fixed(Celsius::ZERO), None), gain };
@@ -90,7 +90,7 @@ fn axis() -> Result<AxisSettings, Box<dyn Error>> {
     })
 }
 
-/// Readings: the bed warms up, the wheelhead does not.
+/// Returns the readings of both sensors at this second: the bed warms up, the wheelhead does not.
 fn readings(second: u32, now: Moment) -> [Reading; 2] {
     let bed = 20.0 + WARMTH * (1.0 - (-f64::from(second) / LAG).exp());
     let bed = if second < BREAKS { Reading::good(bed, now) } else { Reading::bad(now, Reason::OpenCircuit) };

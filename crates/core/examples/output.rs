@@ -1,11 +1,12 @@
-//! Write side of one output, each step called by hand: read, write, verify, and a write whose answer is lost.
+//! Writes offsets to one output, without a device. The example shows a read, a write, the verification, and a write
+//! whose answer is lost.
 //!
 //! ```sh
 //! cargo run -p isotherm-core --example output
 //! ```
 //!
-//! The gateway does the same over a line: it passes a fact to the step, executes the action, and passes its result as
-//! the next fact. In this example the register is a number.
+//! The gateway does the same over a bus: it passes a fact to the step function, executes the action that the step
+//! returns, and passes the result as the next fact. In this example, a number replaces the register of a device.
 
 use std::time::Duration;
 
@@ -27,7 +28,7 @@ fn main() {
     desk.decide("the register holds the requested value: no write", Counts(25));
 }
 
-/// Output, and the register that it writes to.
+/// State of the output, and the number that replaces its register.
 struct Desk {
     settings: Settings,
     state: State,
@@ -59,7 +60,8 @@ impl Desk {
         Desk { settings, state, now: START, register: Counts(0), answer_is_lost: false }
     }
 
-    /// Passes a decision to the output, ten seconds after the previous one. The change may be sent for one second.
+    /// Passes a decision to the output, ten seconds after the previous decision. The output may send the change within
+    /// one second.
     fn decide(&mut self, what: &str, offset: Counts) {
         self.now = self.now.after(10 * SECOND);
         self.give(what, Fact::Decided { offset, target: None, not_after: self.now.after(SECOND) });

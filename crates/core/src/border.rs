@@ -1,6 +1,6 @@
-//! Catches panics of code that does not belong to the project. A reader of a file format, or a library that speaks with
-//! a peer, may panic on input that its authors did not expect. The caller reports such a panic as an error in the file
-//! or of the peer. The standard panic message is not printed.
+//! Catches panics of code that does not belong to the project. A library that reads a file format or communicates with
+//! another computer may panic on unexpected input. The caller reports such a panic as an error in the file or of the
+//! other computer. The standard panic message is not printed.
 
 use std::any::Any;
 use std::cell::Cell;

@@ -1,8 +1,8 @@
-//! Candidate of a model: whether a model that was learned from touches replaces the model in use. A touch is the result
-//! of one probing.
+//! Decides whether a candidate replaces the model in use. A candidate is a model that was learned from touches. A touch
+//! is the result of one probing.
 //!
-//! Each day is judged before it is learned from. Its touches give two mean squares of the residual error, of the model
-//! in use and of the candidate as it was before that day:
+//! The touches of a day first judge both models; then a new candidate is learned from them. They give two mean squares
+//! of the residual error: one with the model in use, one with the candidate as it was before that day:
 //!
 //! ```text
 //! day ── judge (both models) ── learn (new candidate) ── next day
@@ -18,8 +18,8 @@
 //!
 //! The runs of one day (UTC) are one judged day, in which each touch has the same weight.
 //!
-//! After an adoption, the days that judged the candidate judge the model in use: it is the same model. A later candidate
-//! therefore must also be better over five days. The functions are pure: they read no clock and no file.
+//! An adopted candidate becomes the model in use, and its mean squares become those of the model in use. A later
+//! candidate is therefore also compared over five days. The functions are pure: they read no clock and no file.
 
 use std::collections::VecDeque;
 
@@ -29,25 +29,24 @@ use crate::quantity::{Micron, Moment, shifted};
 
 /// Time constants of the inputs of a learned model, in minutes. 0 means no lag.
 pub const LAG_MINUTES: [u64; 4] = [0, 6, 25, 100];
-/// Number of judged days whose sums are compared.
+/// Number of judged days over which the mean squares of both models are summed and compared.
 const DAYS: usize = 5;
-/// Relative difference below which two sums count as equal, because of rounding. The candidate may be the same model as
-/// the one in use.
+/// Relative difference below which two sums count as equal. Rounding causes such a difference if the candidate and the
+/// model in use are the same model.
 const ROUNDING: f64 = 1e-9;
 const NANOS_OF_A_DAY: u64 = 24 * 3600 * 1_000_000_000;
 
-/// Mean squares of the residual error at the touches of one day. Neither of the two models was learned from these
-/// touches.
+/// Mean squares of the residual error at the touches of one day. Both models were learned without these touches.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct JudgedDay {
     /// Time of the day's datum, the zero point from which its touches are measured. If the day has several zero points,
-    /// the time of the last one.
+    /// the time of the last zero point.
     pub begins: Moment,
     /// Number of touches (probings) of the day.
     pub touches: u32,
-    /// Mean square with the model in use, µm².
+    /// Mean square of the residual error with the model in use, µm².
     pub in_use: f64,
-    /// Mean square with the candidate, µm².
+    /// Mean square of the residual error with the candidate, µm².
     pub candidate: f64,
 }
 
@@ -64,7 +63,7 @@ shifted!(Judgement: days);
 /// Residual errors over the judged days, as root mean squares of the days.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Gain {
-    /// Datum of the first of these days.
+    /// Time of the datum (zero point) of the first judged day.
     pub since: Moment,
     /// Number of judged days.
     pub days: usize,
@@ -112,7 +111,7 @@ pub struct OfferedTerm {
     pub gain: f64,
 }
 
-/// Person or program that decides about an adoption.
+/// Whether the operator or the gateway decides that a better candidate is adopted.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Policy {
@@ -165,7 +164,7 @@ impl JudgedDay {
 
 impl Judgement {
     /// Adds a day, or adds another run to the last day. Returns `false` if the day is not used: it has no touch, a mean
-    /// square is invalid, or its datum is not later than the last one.
+    /// square is invalid, or its datum is not later than the datum of the last judged day.
     pub fn judge(&mut self, day: JudgedDay) -> bool {
         let is_error = |square: f64| square.is_finite() && square >= 0.0;
         let is_new = self.days.back().is_none_or(|last| day.begins > last.begins);
@@ -204,7 +203,8 @@ impl Judgement {
         })
     }
 
-    /// Returns whether the sum over the judged days is smaller with the candidate, by more than rounding.
+    /// Returns whether the candidate has the smaller sum of mean squares over the judged days. Differences by rounding
+    /// do not count.
     pub fn is_better(&self) -> bool {
         let sum = |of: fn(&JudgedDay) -> f64| self.days.iter().map(of).sum::<f64>();
         sum(|day| day.candidate) < (1.0 - ROUNDING) * sum(|day| day.in_use)
@@ -225,7 +225,7 @@ impl Judgement {
         self.days.iter_mut().for_each(|day| day.in_use = day.candidate);
     }
 
-    /// Discards all days, because the model in use is another one.
+    /// Discards all judged days, because another model is in use now.
     pub fn clear(&mut self) {
         self.days.clear();
     }

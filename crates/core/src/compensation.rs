@@ -11,8 +11,8 @@
 //! - **raw**: value that the model requests, µm.
 //! - **Cz**: value after the limits of the axis (the guard: limit, deadband, step, rate), in whole counts of the
 //!   register.
-//! - **due**: an axis computes a decision at its own period. It does so at once if its permit changes or if it must
-//!   take over a value. Any other snapshot is only used to detect a machine start or a zero command.
+//! - **due**: an axis computes a decision at its own period. It decides at once if its permit changes, or if it must
+//!   take over a register value. Any other snapshot is only used to detect a machine start or a zero command.
 
 use crate::quantity::{Micron, Moment, Shift};
 use crate::reading::SignalId;
@@ -212,7 +212,7 @@ impl Compensation {
         axis.is_beyond_error(&chosen).then_some(chosen.raw)
     }
 
-    /// Returns the corrections of an axis from probings; `None` if the profile has no probing for the axis.
+    /// Returns the results of the probings of an axis; `None` if the profile has no probing for the axis.
     pub fn probe(&self, axis: usize) -> Option<&Probe> {
         self.axes.get(axis).filter(|axis| axis.settings.probe.is_some()).map(|axis| &axis.probe)
     }
@@ -232,7 +232,8 @@ impl Compensation {
     }
 
     /// Withdraws the waiting change of the preferred model at an operator's request. The preference of the axis then
-    /// names the model as taken back. The axis decides again at the next call of [`Compensation::step`].
+    /// records that the operator has withdrawn this model. The axis decides again at the next call of
+    /// [`Compensation::step`].
     pub fn withdraw(&mut self, axis: usize) {
         if let Some(axis) = self.axes.get_mut(axis) {
             axis.withdraw();
@@ -279,8 +280,9 @@ impl Compensation {
         }
     }
 
-    /// Updates the lags of the models with a snapshot at which no axis decides. A log of the gateway has no such row. A
-    /// log of another program has rows between two steps, and their readings must not be lost.
+    /// Updates the lags of the models with a snapshot at which no axis decides. A log of the gateway contains no such
+    /// snapshot. A log of another program contains snapshots between two decisions, and their readings must not be
+    /// lost.
     pub fn follow(&mut self, snapshot: &Snapshot<'_>) {
         for axis in &mut self.axes {
             axis.check(snapshot, &self.machine);
@@ -314,7 +316,7 @@ impl Compensation {
     }
 
     /// Returns the state that must be saved for a restart of the gateway, with the running state of each axis. A
-    /// compensation that is created from it makes the same decisions.
+    /// compensation that is created from this state makes the same decisions.
     pub fn running(&self) -> Remembered {
         Remembered { running: self.axes.iter().map(Axis::running).collect(), ..self.remembered() }
     }

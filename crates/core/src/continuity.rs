@@ -1,7 +1,7 @@
 //! Continuity of devices: whether answers still come from the device that passed its checks, with the same settings.
 //!
 //! An address and a name do not identify a device. After contact was lost, another module or control may answer at the
-//! address, or the same one with other settings. Each event after which this is possible is a break of the device's
+//! address, or the same device with other settings. Each event after which this is possible is a break of the device's
 //! continuity. [`DeviceContinuity::breaks`] records a break, and [`DeviceContinuity::verified`] the result of new
 //! checks.
 //!
@@ -27,7 +27,7 @@ mod rate;
 pub use rate::{RateFault, RateFilter};
 
 /// Smallest number of consecutive requests without an answer that counts as a break of continuity. A single lost answer
-/// is no break.
+/// is not a break.
 const SILENT_REQUESTS: u32 = 2;
 /// Shortest time without an answer that counts as a break of continuity, in poll periods.
 const SILENT_PERIODS: u32 = 2;
@@ -49,7 +49,7 @@ pub enum Continuity {
     Changed(Vec<Difference>),
 }
 
-/// Cause of a break of continuity, after which another device may answer, or the same one with other settings.
+/// Cause of a break of continuity, after which another device may answer, or the same device with other settings.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Break {
     /// The gateway has just started.
@@ -58,7 +58,8 @@ pub enum Break {
     Refused,
     /// A connection was reset, or closed without an answer.
     ConnectionLost,
-    /// A new connection does not resume the last one: a server has discarded the session, or a serial port has changed.
+    /// A new connection does not resume the last connection: a server has discarded the session, or a serial port has
+    /// changed.
     NewConnection,
     /// The computer's interface to the bus went down.
     InterfaceDown,
@@ -105,7 +106,7 @@ pub enum CheckFailure {
 pub enum Identity {
     /// The device has no checks, so nothing identifies it.
     None,
-    /// The device has checks: values in the device that must be those of the profile.
+    /// The device has checks: values in the device that must equal the values in the profile.
     Checks,
 }
 
@@ -262,8 +263,8 @@ impl Difference {
         matches!(self.is, CheckFailure::Value(_))
     }
 
-    /// Returns whether the difference proves that the device is another one or has other settings. It does if another
-    /// value was read, or if the device has no such register.
+    /// Returns whether the difference proves that the device is another device or has other settings. It does if
+    /// another value was read, or if the device has no such register.
     pub fn is_evidence(&self) -> bool {
         matches!(self.is, CheckFailure::Value(_) | CheckFailure::Absent(_))
     }
@@ -275,7 +276,7 @@ impl fmt::Display for Break {
             Break::Start => "the gateway has just started",
             Break::Refused => "a connection was refused",
             Break::ConnectionLost => "the connection to the device was lost",
-            Break::NewConnection => "a new connection does not resume the last one",
+            Break::NewConnection => "a new connection does not resume the last connection",
             Break::InterfaceDown => "the computer's interface to the bus was down",
             Break::Restarted => "the device was restarted",
             Break::MachineOn => "the machine was switched on",

@@ -66,7 +66,7 @@ pub enum Tone {
     Warning,
     /// The operator should act on the state.
     Bad,
-    /// The gateway writes nothing for the axis. This is no fault.
+    /// The gateway writes nothing for the axis. This is not a fault.
     Off,
 }
 
@@ -85,7 +85,7 @@ impl Tone {
 /// Requested mode of an axis.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Intent {
-    /// No mode: the profile has no model for the axis. If it is armed, it returns to zero after a sign check.
+    /// No mode: the profile has no model for the axis. If the axis is armed, its Cz returns to zero after a sign check.
     Unmodelled,
     /// Arm the axis as soon as the missing condition for arming is met.
     Arm,

@@ -90,7 +90,8 @@ const fn error(name: &'static str) -> Entry {
 }
 
 impl Entry {
-    /// Marks a kind of which some events report no trouble. Those events have the level [`Level::Info`].
+    /// Marks a kind of event that does not always report trouble. Its events without trouble have the level
+    /// [`Level::Info`].
     const fn or_info(self) -> Entry {
         Entry { may_be_info: true, ..self }
     }
@@ -207,10 +208,10 @@ catalogue! {
     WorseOver = info("worse-over").ends(&["compensation of axis {axis}"]);
     /// A model that was learned from touches is better than the model in use, over the last judged days.
     CandidateBetter = info("candidate-better");
-    /// The axis follows another model: a learned one, or that of the profile again. Cz has not moved.
+    /// The axis follows another model: a learned model, or again the model of the profile. Cz has not changed.
     ModelAdopted = info("model-adopted");
     /// The models of an axis in the profile have changed, so that its learned model is not used any more.
-    ModelSuperseded = warning("model-superseded").hint("adopt a learned model again, if it is better than the new one");
+    ModelSuperseded = warning("model-superseded").hint("adopt a learned model again, if it is better than the new model");
     /// No model could be learned from the touches of the axes.
     LearningFailed = warning("learning-failed").hint("`isotherm learn PROFILE` shows what is wrong");
     /// The model of an axis requests more Cz than the limit of the axis.
@@ -235,11 +236,11 @@ catalogue! {
     /// A sensor of an axis's model is frozen or possibly frozen: its reading does not change. A stand-in (an estimate
     /// from other sensors) replaces the sensor if possible.
     Frozen = warning("frozen").raises("sensor of axis {axis}: {signal}")
-        .hint("look at the sensor, its cable and its channel; the axis uses the sensor's own reading again by itself");
+        .hint("look at the sensor, its cable and its channel; when the sensor works again, the axis uses its reading without a command");
     /// A sensor of an axis's model is lost. A stand-in (an estimate from other sensors) replaces the sensor if
     /// possible.
     StoodIn = warning("stood-in").raises("sensor of axis {axis}: {signal}")
-        .hint("look at the sensor, its cable and its channel; the axis uses the sensor's own reading again by itself");
+        .hint("look at the sensor, its cable and its channel; when the sensor works again, the axis uses its reading without a command");
     /// A stand-in (value estimated from other sensors) no longer replaces a sensor: the sensor is accepted again, or
     /// the stand-in cannot be used.
     StandInOver = info("stand-in-over").ends(&["sensor of axis {axis}: {signal}"]);
@@ -316,11 +317,11 @@ catalogue! {
     /// sent before the start.
     PerhapsFromBefore = warning("perhaps-from-before")
         .hint("if the gateway did not write the value, disarm the axis and correct the value at the control");
-    /// The gateway delays the next change of a register. A late write may still arrive, and the change would be too far
-    /// from its value.
+    /// The gateway delays the next change of a register. An earlier write may still arrive, and the change would be too
+    /// far from the value of that write.
     WaitsForLateWrite = warning("waits-for-late-write").hint(LOSES_ANSWERS);
-    /// The previous run did not stop in order, or nothing is known of it. One of its writes may still arrive. Therefore
-    /// the gateway first only reads the register.
+    /// The previous run was not stopped normally, or its end is unknown. One of its writes may still arrive. Therefore
+    /// the gateway only reads the register at first.
     WaitsAfterStart = info("waits-after-start");
     /// Writes to a register are acknowledged, but the register cannot be read.
     NotReadBack = info("not-read-back").word(UNVERIFIED);
@@ -348,7 +349,7 @@ catalogue! {
     /// trouble.
     SignChecked = error("sign-checked").or_info()
         .hint("disarm the axis, change the sign of `scale` at its output, and check the sign again");
-    /// A sign check has ended without an answer of the operator. Cz returns.
+    /// A sign check has ended without an answer of the operator. Cz returns to its value without the check.
     SignEnded = warning("sign-ended").hint("check the sign again");
     /// The position counter of a signal was set, referenced or restarted. The axis did not move.
     Rereferenced = warning("rereferenced")
@@ -367,8 +368,9 @@ catalogue! {
     Overrun = warning("overrun").hint("`isotherm check` shows the load of each bus");
     /// A device does not support two requests at a time. The gateway now sends requests to the device one by one.
     PipelineGivenUp = warning("pipeline-given-up").hint("remove `pipeline` from the profile");
-    /// The Modbus gateway of a bus waits for a silent unit for longer than `timeout`. Meanwhile it answers for no other
-    /// unit. The gateway asks silent units so seldom that the readings of the others do not become too old.
+    /// The Modbus gateway of a bus waits for a silent device for longer than `timeout`. Meanwhile it forwards no
+    /// request to another device. isotherm asks silent devices so seldom that the readings of the other devices do not
+    /// become too old.
     GatewayTimeout = warning("gateway-timeout")
         .hint("set a shorter timeout in the Modbus gateway, write a longer `timeout` of the bus, or remove units that \
                do not exist from the profile");
@@ -385,11 +387,11 @@ catalogue! {
     Stopping = info("stopping");
     /// The gateway has stopped. The event lists the values that stay in the registers.
     Stopped = info("stopped");
-    /// A device template of the profile differs from the one of the last run.
+    /// A device template of the profile differs from the template that the last run used.
     TemplateChanged = warning("template-changed")
         .hint("check the settings that `isotherm check` prints, before the machine makes parts");
     /// Some temperatures have default limits that the last run did not apply. The gateway rejects readings beyond these
-    /// limits, because neither the profile nor its template states any. Each limit is reported once.
+    /// limits, because the profile and its template state no limits. Each limit is reported once.
     DefaultLimits = warning("default-limits")
         .hint("write `range` and `max_rate` for each sensor, or \"none\"; for a difference of temperatures, write \
                `difference = true`");
@@ -420,8 +422,8 @@ catalogue! {
     LogsDeleted = info("logs-deleted");
     /// The web page cannot listen at its address.
     PageClosed = warning("page-closed").raises("page at {listen}")
-        .hint("free the address or name another one; the gateway tries again every ten seconds, and the compensation \
-               continues");
+        .hint("free the address, or write another address into the profile; the gateway tries again every ten seconds, and the \
+               compensation continues");
     /// The web page listens at its address now.
     PageOpen = info("page-open").ends(&["page at {listen}"]);
     /// A token file of the web page contains another token.
@@ -466,8 +468,8 @@ catalogue! {
     HostOnline = info("host-online").ends(&["primary host {host}"]);
     /// The OPC UA server of `[opcua_server]` cannot listen at its address, or has failed.
     OpcUaServerClosed = warning("opcua-server-closed").raises("OPC UA server at {listen}")
-        .hint("free the address, or name another one; the gateway tries again every ten seconds, and the compensation \
-               continues");
+        .hint("free the address, or write another address into the profile; the gateway tries again every ten seconds, and the \
+               compensation continues");
     /// The OPC UA server of `[opcua_server]` listens at its address now.
     OpcUaServerOpen = info("opcua-server-open").ends(&["OPC UA server at {listen}"]);
     /// The OPC UA server of `[opcua_server]` has refused a client, because its certificate is not trusted.
@@ -493,13 +495,14 @@ impl EventKind {
         self.entry().name
     }
 
-    /// Returns the severity of events of this kind. If [`EventKind::may_be_info`], this is the severity of those that
-    /// report trouble.
+    /// Returns the severity of events of this kind. If [`EventKind::may_be_info`] is true, this is the severity of the
+    /// events that report trouble.
     pub const fn level(self) -> Level {
         self.entry().level
     }
 
-    /// Returns whether some events of this kind report no trouble. Those events have the level [`Level::Info`].
+    /// Returns whether events of this kind may report no trouble. Events without trouble have the level
+    /// [`Level::Info`].
     pub const fn may_be_info(self) -> bool {
         self.entry().may_be_info
     }

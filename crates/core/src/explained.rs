@@ -59,8 +59,8 @@ impl<T: Into<String>> From<T> for Explained {
 #[derive(Clone, Debug)]
 pub struct Cause<T> {
     reported: T,
-    /// Cause that now differs from the reported one, and how often in a row it was found. `None` if the reported cause
-    /// was found last.
+    /// Cause that now differs from the reported cause, and how often in a row it was found. `None` if the reported
+    /// cause was found last.
     other: Option<(T, u32)>,
 }
 
@@ -76,7 +76,7 @@ impl<T: PartialEq> Cause<T> {
     }
 
     /// Records the cause that was found now. Returns true if the cause must be reported: it differs from the reported
-    /// one and was found `often` times in a row. Alternating causes are never reported.
+    /// cause and was found `often` times in a row. Alternating causes are never reported.
     pub fn is_now(&mut self, cause: T, often: u32) -> bool {
         if self.reported == cause {
             self.other = None;
@@ -92,7 +92,7 @@ impl<T: PartialEq> Cause<T> {
     }
 
     /// Records the cause that was found now, for a fault that may be new (`known` is `None`). Returns true if the cause
-    /// must be reported: the first one at once, a different one after `often` times in a row.
+    /// must be reported: the first cause at once, a different cause after it was found `often` times in a row.
     pub fn is_news(known: &mut Option<Cause<T>>, cause: T, often: u32) -> bool {
         match known {
             Some(known) => known.is_now(cause, often),

@@ -5,7 +5,7 @@
 //! | stored for an index | namespace array of the server | result |
 //! |---|---|---|
 //! | nothing | has a URI at the index, and only there | [`Located::New`] |
-//! | nothing | has no URI at the index, or one that occurs twice | [`Located::Unidentified`] |
+//! | nothing | has no URI at the index, or a URI that occurs twice | [`Located::Unidentified`] |
 //! | a URI | has it at the index, and nowhere else | [`Located::Same`] |
 //! | a URI | has it once, at another index | [`Located::Moved`] |
 //! | a URI | does not have it | [`Located::Gone`] |
@@ -117,7 +117,7 @@ impl KnownNamespaces {
     }
 
     /// Stores the operator's confirmation that the profile means the namespace at this index of the server's array.
-    /// Returns the URI of the namespace; `None` if the array has none at the index, and then nothing is stored.
+    /// Returns the URI of the namespace; `None` if the array has no URI at the index; then nothing is stored.
     pub fn accept(&mut self, index: u16, array: &[String]) -> Option<&str> {
         let uri = array.get(usize::from(index)).filter(|uri| !uri.is_empty())?;
         self.0.insert(index, StoredUri { uri: uri.clone(), meaning: Meaning::Accepted });
@@ -131,20 +131,21 @@ impl KnownNamespaces {
         }
     }
 
-    /// Marks the meaning of the stored indices as unclear after the profile was read, except those for which `is_clear`
-    /// returns true. An index is clear if all its nodes in the profile were in the former profile too.
+    /// Marks the meaning of the stored indices as unclear after the profile was read. Indices for which `is_clear`
+    /// returns true stay unchanged. An index is clear if all its nodes in the profile were in the former profile too.
     pub fn doubt_unless(&mut self, is_clear: impl Fn(u16) -> bool) {
         for (_, known) in self.0.iter_mut().filter(|(index, _)| !is_clear(**index)) {
             known.meaning = Meaning::Unclear;
         }
     }
 
-    /// Returns whether both lists have the same entry for an index, or neither has one.
+    /// Returns whether both lists have the same entry for an index. Also true if both lists have no entry for the
+    /// index.
     pub fn agrees(&self, index: u16, other: &KnownNamespaces) -> bool {
         self.0.get(&index) == other.0.get(&index)
     }
 
-    /// Copies the entry of an index from another list. Removes it if the other list has none.
+    /// Copies the entry of an index from another list. Removes the entry if the other list has no entry for the index.
     pub fn take(&mut self, index: u16, other: &KnownNamespaces) {
         match other.0.get(&index) {
             Some(known) => self.0.insert(index, known.clone()),
@@ -152,7 +153,7 @@ impl KnownNamespaces {
         };
     }
 
-    /// Returns the stored URI of an index; `None` if none is stored.
+    /// Returns the stored URI of an index; `None` if no URI is stored.
     pub fn uri(&self, index: u16) -> Option<&str> {
         self.0.get(&index).map(|known| known.uri.as_str())
     }

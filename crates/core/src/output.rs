@@ -1,10 +1,10 @@
 //! Outputs: from the decision of an axis and the value of its register, [`step`] chooses the next exchange with the
 //! device. The step is pure: no I/O, no clock, no memory allocation.
 //!
-//! [`step`] decides every write to an offset register. The line, the device, the operator or the clock may fail, and
-//! the process may be killed. Even then the register never moves by more than one step at a time, and never beyond its
-//! limit. The gateway never changes the operator offset, which is the operator's part of a shared register. All values
-//! are whole counts of the register.
+//! [`step`] decides every write to an offset register. The bus line, the device, the operator or the clock may fail,
+//! and the process may be killed. Even then the register never moves by more than one step at a time, and never beyond
+//! its limit. The gateway never changes the operator offset, which is the operator's part of a shared register. All
+//! values are whole counts of the register.
 //!
 //! # Theory of operation
 //! A write without an answer may have been carried out, may still be carried out, or never will be. The knowledge about

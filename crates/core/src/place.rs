@@ -1,6 +1,6 @@
 //! Places of outputs and signals: the address of a value, and the size of its count. The gateway stores the places of
-//! each run. [`compare`] compares the stored places with those of the profile. [`FormerPlace::after`] determines which
-//! axes wait for the operator.
+//! each run. [`compare`] compares the stored places with the places in the profile. [`FormerPlace::after`] determines
+//! which axes wait for the operator.
 //!
 //! A name does not identify a place. The register of an output, its scale, or the channel of a sensor can change under
 //! the same name.
@@ -25,12 +25,12 @@ pub use release::{Bounds, Obstacle, Release, Stage};
 /// Smallest absolute value of Cz that does not count as zero, µm.
 const NOTHING_UM: f64 = 0.05;
 
-/// Part of a place. The parts are in order: a change of the first one is the most serious.
+/// Part of a place. The parts are in order: a change of the first part is the most serious.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Part {
     /// Address of the bus to which the device is connected.
     Bus,
-    /// Unit or node number of the device.
+    /// Modbus unit address or CANopen node number of the device.
     Unit,
     /// Register, CANopen object, CAN frame or OPC UA node.
     Address,
@@ -84,7 +84,7 @@ pub enum Owner {
 pub struct OutputPlace {
     /// Address of the bus to which the device is connected.
     pub bus: String,
-    /// Unit or node number of the device.
+    /// Modbus unit address or CANopen node number of the device.
     pub unit: u8,
     /// Register, CANopen object, CAN frame or OPC UA node.
     pub address: String,
@@ -111,7 +111,7 @@ pub struct OutputPlace {
 pub struct SignalPlace {
     /// Address of the bus to which the device is connected.
     pub bus: String,
-    /// Unit or node number of the device.
+    /// Modbus unit address or CANopen node number of the device.
     pub unit: u8,
     /// Register, CANopen object, CAN frame, OPC UA node, or sensor of this computer.
     pub address: String,
@@ -189,13 +189,13 @@ impl Place for SignalPlace {
 /// Result of comparing the stored place of one name with its place in the profile.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum PlaceComparison {
-    /// The place in the profile is the stored one.
+    /// The place in the profile equals the stored place.
     Same,
     /// The place was stored under this other name, which the profile no longer contains.
     Renamed(String),
     /// No place is stored under this name.
     Unknown,
-    /// Another place is stored under this name than in the profile.
+    /// The place stored under this name differs from the place in the profile.
     Moved(MovedPlace),
     /// The profile no longer contains the name.
     Removed,
@@ -226,7 +226,7 @@ impl MovedPlace {
     }
 }
 
-/// Compares the stored places with those of the profile, by name.
+/// Compares the stored places with the places in the profile, by name.
 pub fn compare<P: Place>(
     remembered: &BTreeMap<String, P>,
     profile: &BTreeMap<String, P>,
@@ -271,7 +271,7 @@ impl KnownOutput {
     }
 }
 
-/// Former place of an output, until the operator confirms the new one.
+/// Former place of an output, stored until the operator confirms the new place.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct FormerPlace {
@@ -397,7 +397,7 @@ impl FormerPlace {
 
     /// Records that the operator has armed `axis` after this former place was reported. Returns whether another axis
     /// must still be armed to confirm the place. If no axis waits, arming the output's own axis confirms the place. If
-    /// that axis cannot be armed (`may_arm`), arming any axis does.
+    /// that axis cannot be armed (`may_arm`), arming any axis confirms the place.
     pub fn confirm(&mut self, axis: &str, may_arm: impl Fn(&str) -> bool) -> bool {
         let is_of_it = self.axes.remove(axis) || self.place.axis == axis || !may_arm(&self.place.axis);
         !(is_of_it && self.axes.is_empty())

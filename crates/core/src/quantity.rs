@@ -143,7 +143,7 @@ quantity! {
     Micron, "µm", "1", "a displacement must be a finite number"
 }
 quantity! {
-    /// A temperature, or the difference of two, in °C. Always finite.
+    /// A temperature, or the difference of two temperatures, in °C. Always finite.
     ///
     /// Models also have other inputs, for example a speed or a current. Such an input is a number in the signal's own
     /// unit, and its gain is in µm per that unit.

@@ -105,7 +105,7 @@ pub enum Reason {
     Timeout,
     /// The gateway has no connection to the device.
     LinkDown,
-    /// The reply does not match the request (length, unit, function, transaction).
+    /// The reply does not match the request: its length, device address, function code or transaction number differs.
     BadReply,
     /// The condition `fault_when` of the signal is true, or a signal in this condition cannot be read.
     FaultBit,
@@ -118,7 +118,7 @@ pub enum Reason {
 /// Place where the operator corrects the cause of a bad reading.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Remedy {
-    /// The device gives no valid answer: the operator corrects its address, its line or its wiring.
+    /// The device gives no valid answer: the operator corrects its address, its bus line or its wiring.
     Connection,
     /// A setting of the device is not as the profile or its template expects: the operator changes the setting.
     DeviceSettings,

@@ -21,20 +21,20 @@ pub enum Address {
     Node(Node),
     /// Sensor of this computer.
     Sensor(PcSensor),
-    /// Number in a line of text.
+    /// Number in a line of text that the device sends.
     Text(TextValue),
 }
 
 /// The four tables of a Modbus device.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Table {
-    /// Single bits, read and written. Modicon 0xxxx.
+    /// Single bits that can be read and written, with Modicon numbers 0xxxx.
     Coil,
-    /// Single bits, read only. Modicon 1xxxx.
+    /// Single bits that can only be read, with Modicon numbers 1xxxx.
     Discrete,
-    /// 16-bit registers, read only. Modicon 3xxxx.
+    /// 16-bit registers that can only be read, with Modicon numbers 3xxxx.
     Input,
-    /// 16-bit registers, read and written. Modicon 4xxxx.
+    /// 16-bit registers that can be read and written, with Modicon numbers 4xxxx.
     Holding,
 }
 
@@ -142,11 +142,11 @@ impl FromStr for Register {
         if let Some((table, offset)) = text.split_once(':') {
             let table =
                 Table::ALL.into_iter().find(|known| known.name() == table.trim()).ok_or_else(|| {
-                    format!("`{table}` is no register table; allowed: coil, discrete, input, holding")
+                    format!("`{table}` is not a register table; allowed: coil, discrete, input, holding")
                 })?;
             let offset = offset.trim().parse().map_err(|_| {
                 format!(
-                    "`{}` is no address; allowed: 0 to 65535 (zero-based protocol address)",
+                    "`{}` is not an address; allowed: 0 to 65535 (zero-based protocol address)",
                     offset.trim()
                 )
             })?;
@@ -154,7 +154,7 @@ impl FromStr for Register {
         }
         modicon(text.trim()).ok_or_else(|| {
             format!(
-                "`{text}` is no register; write a zero-based protocol address (\"input:0\", \"holding:100\") or a \
+                "`{text}` is not a register; write a zero-based protocol address (\"input:0\", \"holding:100\") or a \
                  one-based Modicon number (\"30001\", \"40101\")"
             )
         })

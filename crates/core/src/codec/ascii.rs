@@ -5,13 +5,14 @@
 //! ASCII   ':', two hexadecimal digits for each byte of unit, function, data, LRC, then carriage return and line feed
 //! ```
 //!
-//! Code for RTU therefore also serves ASCII: it recognises answers by unit, length and checksum in the same way.
+//! Code for RTU therefore also serves ASCII: it recognises answers by the unit (address of the device), length and
+//! checksum in the same way.
 
 use super::checksum;
 
-/// Largest number of bytes in a frame: unit, protocol data unit, LRC.
+/// Largest number of bytes in a frame: address of the device, protocol data unit, LRC.
 const LONGEST: usize = 255;
-/// Smallest number of bytes in a frame: unit, function, LRC.
+/// Smallest number of bytes in a frame: address of the device, function code, LRC.
 const SHORTEST: usize = 3;
 /// Byte that replaces characters outside of valid frames. The code for RTU discards this byte as noise.
 const NOISE: u8 = 0;
@@ -59,9 +60,9 @@ pub struct AsciiFrames {
 }
 
 impl AsciiFrames {
-    /// Adds received characters. Appends the frames that are complete to `rtu`. An invalid frame becomes noise of its
-    /// length. Each character outside of frames becomes one byte of noise. The highest bit of a character is ignored,
-    /// because it may be a parity bit.
+    /// Processes received characters, and appends the complete frames to `rtu`. An invalid frame becomes bytes of
+    /// noise, and so does each character outside of frames. The highest bit of a character is ignored, because it may
+    /// be a parity bit.
     pub fn push(&mut self, characters: &[u8], rtu: &mut Vec<u8>) {
         for character in characters {
             match character & 0x7f {
@@ -91,7 +92,7 @@ impl AsciiFrames {
     }
 }
 
-/// Appends the frame with these digits, or noise if it is invalid.
+/// Appends the frame with these digits to `rtu`, or bytes of noise if the frame is invalid.
 fn end(digits: &[u8], rtu: &mut Vec<u8>) {
     let bytes: Vec<u8> = digits.chunks_exact(2).map(|pair| pair[0] << 4 | pair[1]).collect();
     let is_whole = digits.len().is_multiple_of(2) && bytes.len() >= SHORTEST;

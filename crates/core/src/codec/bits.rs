@@ -86,7 +86,7 @@ impl BitField {
         Ok(self.places().fold(0, |bits, (rank, byte, bit)| bits | u64::from(frame[byte] >> bit & 1) << rank))
     }
 
-    /// Reads the value from a frame as registers, most significant first. Decode them with an
+    /// Reads the field from a frame as registers, most significant register first. Decode the registers with an
     /// [`Encoding`](super::Encoding) of the field's [`data_type`](BitField::data_type).
     ///
     /// # Errors

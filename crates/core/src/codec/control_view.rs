@@ -1,5 +1,5 @@
 //! Last check before a write. It computes the correction that the control would apply for the registers, and rejects a
-//! wrong one.
+//! wrong correction.
 
 use std::fmt;
 
@@ -26,7 +26,7 @@ use crate::quantity::Micron;
 pub struct ControlView {
     /// Encoding that the control uses for the registers.
     pub encoding: Encoding,
-    /// Size of a correction of 1 µm, in the unit of the value.
+    /// Change of the value, in its unit, for a correction of 1 µm.
     pub per_micron: f64,
     /// Largest absolute correction that may be written.
     pub limit: Micron,
@@ -35,7 +35,8 @@ pub struct ControlView {
 /// Reason why registers must not be sent.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Inadmissible {
-    /// The registers hold NaN, infinity or a sentinel, or the number of registers is wrong.
+    /// The registers hold NaN, infinity or a sentinel (a value that means "no measurement"), or the number of registers
+    /// is wrong.
     NoNumber,
     /// The control would apply more than the limit.
     Beyond {
@@ -54,7 +55,7 @@ pub enum Inadmissible {
 }
 
 impl ControlView {
-    /// Returns the value that the control reads in the registers, in the unit of the output. `None` if the registers
+    /// Returns the value that the control reads from the registers, in the unit of the output. `None` if the registers
     /// hold no number.
     pub fn value(&self, registers: &[u16]) -> Option<f64> {
         self.encoding.decode(registers).ok()

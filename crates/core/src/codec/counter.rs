@@ -1,7 +1,8 @@
-//! Counters of linear scales: the position after a rollover, and the detection of a new reference.
+//! Counters of linear scales: the position after a rollover, and the detection of a new reference (zero position of the
+//! scale).
 //!
 //! A counter of 16, 24 or 32 bits starts again after its last count. The difference of two counts, modulo the number of
-//! counts, is the motion in between. A difference larger than the axis can travel is no motion. Either the value is
+//! counts, is the motion in between. A difference larger than the axis can travel is not a motion. Either the value is
 //! corrupted, and the next value contradicts it. Or the counter was referenced, preset or restarted, and the next value
 //! confirms it. The functions are pure: the time of each reading is an argument.
 
@@ -67,8 +68,8 @@ impl Counter {
         }
     }
 
-    /// Returns the registers in which a counter shows this value. After its last count, the counter starts again at its
-    /// first one. A value that is not a counter is encoded as [`Encoding::encode`] does.
+    /// Encodes a value as the registers of a counter, which starts again at its first count after its last count. If
+    /// the type cannot be a counter, encodes the value as [`Encoding::encode`] does.
     pub fn registers(encoding: &Encoding, value: f64) -> Encoded {
         let (Some(modulus), Some((low, _))) =
             (Counter::modulus(encoding.data_type), encoding.range_of_counts())
@@ -79,8 +80,8 @@ impl Counter {
         encoding.encode_counts(Counts(counts + low.0))
     }
 
-    /// Returns the shortest time in which the axis moves half the counts of the counter. After a longer gap, the number
-    /// of rollovers is unknown. `None` if the type cannot be a counter.
+    /// Returns the time in which the axis, at its largest speed, moves over half the range of the counter. After a
+    /// longer time without a reading, the number of rollovers is unknown. `None` if the type cannot be a counter.
     pub fn half_way(&self, encoding: &Encoding) -> Option<Duration> {
         let half = Counter::modulus(encoding.data_type)? / 2;
         #[allow(clippy::cast_precision_loss, reason = "at most 2^31")]

@@ -1,4 +1,4 @@
-//! Types of values: their numbers of registers and bits, and their ranges of counts.
+//! Data types of values: for each type, the number of registers, the number of bits, and the range of raw counts.
 
 use super::{Encoded, Part};
 

@@ -12,7 +12,7 @@ const LONGEST_NUMBER: usize = 64;
 pub struct Element(Vec<u32>);
 
 impl Element {
-    /// Creates the element with these indices. Returns `None` without an index, and for more than eight.
+    /// Creates the element with these indices. Returns `None` without an index, and for more than eight indices.
     pub fn new(indices: Vec<u32>) -> Option<Element> {
         (1..=MOST_DIMENSIONS).contains(&indices.len()).then_some(Element(indices))
     }
@@ -22,8 +22,9 @@ impl Element {
         &self.0
     }
 
-    /// Returns the place of the element in an array with this number of values, row by row. `dimensions` are the
-    /// lengths of an array with several dimensions. `None` if the array does not have the element.
+    /// Returns the index of the element in the list of the array's values, row by row. `values`: number of values in
+    /// the array. `dimensions`: lengths of an array with several dimensions. `None` if the array does not have the
+    /// element.
     pub fn place(&self, values: usize, dimensions: Option<&[u32]>) -> Option<usize> {
         let place = match dimensions.filter(|dimensions| !dimensions.is_empty()) {
             None => match self.0.as_slice() {
@@ -55,8 +56,8 @@ impl fmt::Display for Element {
     }
 }
 
-/// Returns the number in a text, which may have blanks around it. The text must be a decimal number with a point, as
-/// `-23.5` or `2.35e1`. `None` for any other text, also for one with a comma or a unit.
+/// Returns the number in a text, which may have blanks around it. The text must be a decimal number with a point, for
+/// example `-23.5` or `2.35e1`. `None` for any other text, also for one with a comma or a unit.
 pub fn number_in(text: &str) -> Option<f64> {
     let text = text.trim_matches([' ', '\t', '\r', '\n']);
     let is_part = |byte: u8| byte.is_ascii_digit() || matches!(byte, b'+' | b'-' | b'.' | b'e' | b'E');

@@ -1,4 +1,4 @@
-//! One value as registers.
+//! Value that is encoded as one to four registers.
 
 /// One value as registers that were read or will be written.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -111,7 +111,7 @@ impl Encoding {
     }
 
     /// Returns the whole counts in the registers, without the bias. `None` for a floating-point type, if the number of
-    /// registers is wrong, or if the registers contain no decimal digits.
+    /// registers is wrong, or if a binary-coded decimal contains an invalid digit.
     pub fn counts(&self, registers: &[u16]) -> Option<Counts> {
         self.data_type.integer_range()?;
         let bits = self.gather(registers).ok().filter(|bits| is_value(self.data_type, *bits))?;

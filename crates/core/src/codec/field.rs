@@ -28,8 +28,8 @@ pub struct Selector {
 }
 
 impl Field {
-    /// Reads the value from a frame as registers, most significant first. `None` if the frame does not contain the
-    /// field; an error if the frame is too short.
+    /// Reads the value from a frame as registers, most significant register first. `None` if the frame does not contain
+    /// the field; an error if the frame is too short.
     pub fn read(&self, frame: &[u8]) -> Option<Result<Encoded, Reason>> {
         for selector in &self.multiplex {
             match selector.bits.bits(frame) {

@@ -39,7 +39,7 @@ impl Namespace {
     fn parse(text: &str) -> Result<(Namespace, &str), String> {
         let (by_uri, by_index) = (text.strip_prefix("nsu="), text.strip_prefix("ns="));
         let Some(rest) = by_uri.or(by_index) else { return Ok((Namespace::Index(0), text)) };
-        let ends = || format!("`{text}` has no `;` and no name after its namespace");
+        let ends = || format!("after the namespace, `{text}` has no `;` with the name of a node");
         let (name, rest) = rest.split_once(';').ok_or_else(ends)?;
         if by_index.is_some() {
             let wrong = |_| format!("the namespace of `{text}` is not a number from 0 to 65535");
@@ -115,7 +115,7 @@ impl Node {
         self.data_type.unwrap_or(DataType::F64)
     }
 
-    /// Converts a value from the server into registers, most significant first.
+    /// Converts a value from the server into registers, most significant register first.
     ///
     /// # Errors
     /// [`Reason::WrongType`] if the type differs from the type in the profile.
@@ -160,7 +160,7 @@ impl FromStr for NodeId {
         let (namespace, rest) = Namespace::parse(text)?;
         let (kind, name) = rest
             .split_once('=')
-            .ok_or_else(|| format!("`{text}` is no node: write a node as `ns=2;s=name` or `i=2258`"))?;
+            .ok_or_else(|| format!("`{text}` is not a node: write a node as `ns=2;s=name` or `i=2258`"))?;
         let identifier = match kind {
             "i" => Identifier::Number(
                 name.parse().map_err(|_| format!("`{name}` is not a number from 0 to 4294967295"))?,
@@ -176,7 +176,7 @@ impl FromStr for NodeId {
                 ));
             }
             "b" => Identifier::Opaque(name.to_owned()),
-            _ => return Err(format!("`{kind}=` is no kind of node; allowed: i, s, g, b")),
+            _ => return Err(format!("`{kind}=` is not a kind of node; allowed: i, s, g, b")),
         };
         Ok(NodeId { namespace, identifier })
     }
@@ -265,8 +265,8 @@ mod tests {
         let uri = "nsu=urn:a%3Bb%25c;i=7".parse::<NodeId>().unwrap().namespace;
         assert_eq!(uri, Namespace::Uri("urn:a;b%c".to_owned()));
         for (text, word) in [
-            ("holding:104", "is no node"),
-            ("ns=2", "no name after its namespace"),
+            ("holding:104", "is not a node"),
+            ("ns=2", "no `;` with the name of a node"),
             ("ns=65536;i=1", "is not a number from 0 to 65535"),
             ("ns=2;s=", "no name"),
             ("i=-1", "not a number from 0 to 4294967295"),
@@ -276,7 +276,7 @@ mod tests {
             ("b=M/R", "no Base64"),
             ("b=QR==", "not canonical Base64"),
             ("b=QUF=", "not canonical Base64"),
-            ("nsu=urn:plc", "no name after its namespace"),
+            ("nsu=urn:plc", "no `;` with the name of a node"),
             ("nsu=;s=offset", "no URI after `nsu=`"),
             ("nsu=urn:50%;s=offset", "written as %25"),
             ("nsu=urn:a%20b;s=offset", "written as %25"),

@@ -46,8 +46,8 @@ impl Object {
         self.data_type.width().div_ceil(8) as usize
     }
 
-    /// Converts bytes from the node into registers, most significant first. Returns `None` if the number of bytes
-    /// differs from [`Object::size`].
+    /// Converts bytes from the node into registers, most significant register first. Returns `None` if the number of
+    /// bytes differs from [`Object::size`].
     pub fn registers(&self, bytes: &[u8]) -> Option<Encoded> {
         if bytes.len() != self.size() || bytes.len() > 8 {
             return None;
@@ -57,7 +57,7 @@ impl Object {
         Some(self.data_type.encode(u64::from_le_bytes(eight)))
     }
 
-    /// Converts registers, most significant first, into the bytes of an SDO transfer.
+    /// Converts registers, most significant register first, into the bytes of an SDO transfer.
     pub fn bytes(&self, registers: &[u16]) -> Vec<u8> {
         Encoded::of(registers).bits().to_le_bytes()[..self.size().min(8)].to_vec()
     }

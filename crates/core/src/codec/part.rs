@@ -1,7 +1,7 @@
 //! Part of a register: adjacent bits of one register, or of two, that hold a value of their own.
 //!
-//! Devices put a value and its status into one register, for example a temperature in bits 4 to 15 and flags in bits 0
-//! to 3. Bit 0 is the least significant bit of the whole value, after word order and byte order were applied.
+//! Some devices put a value and its status into one register. An example is a temperature in bits 4 to 15, and flags in
+//! bits 0 to 3. Bit 0 is the least significant bit of the whole value, after word order and byte order were applied.
 
 use std::fmt;
 
@@ -57,7 +57,7 @@ impl Part {
         self.last - self.first + 1
     }
 
-    /// Returns the number of registers of which the part is taken.
+    /// Returns the number of registers from which the part is taken.
     pub const fn registers(self) -> u16 {
         (self.whole.width() / 16) as u16
     }
@@ -81,7 +81,7 @@ impl Part {
         ((1 << self.length()) - 1) << self.first
     }
 
-    /// Returns the raw count of the part in the bits of the registers.
+    /// Extracts the part from the bits of the registers, and returns its raw count.
     pub(super) fn count(self, bits: u64) -> i128 {
         let beyond = 64 - u32::from(self.length());
         let top = (bits & self.mask()) >> self.first << beyond;
@@ -92,8 +92,8 @@ impl Part {
         }
     }
 
-    /// Returns the bits of the registers that contain the lowest bits of this count as the part. All other bits are
-    /// zero.
+    /// Returns the bits of registers in which the part holds the lowest bits of this count. All bits outside the part
+    /// are zero.
     pub(super) const fn placed(self, count: u64) -> u64 {
         count << self.first & self.mask()
     }

@@ -1,8 +1,8 @@
 //! Temperature sensors that the kernel of this computer reads, and their notation in a profile.
 //!
 //! Examples are `hwmon:coretemp/Package id 0`, `iio:mcp9808`, `w1:28-0316a2794f01`. A sensor is named by the name of
-//! its chip, the label of its channel, or its ROM ID. Numbers such as those of `hwmon3` and `iio:device0` identify
-//! nothing: the kernel assigns them at each boot, in the order in which drivers load.
+//! its chip, the label of its channel, or its ROM ID. The numbers in names such as `hwmon3` and `iio:device0` do not
+//! identify a sensor: the kernel assigns them at each boot, in the order in which drivers load.
 
 use std::fmt;
 use std::str::FromStr;
@@ -101,14 +101,14 @@ impl FromStr for PcSensor {
             ));
         }
         let (kind, rest) = text.split_once(':').ok_or_else(|| match is_rom_id(text) {
-            true => format!("`{text}` is a ROM id without its kind; write \"w1:{text}\""),
-            false => format!("`{text}` is no sensor of a computer; {FORMS}"),
+            true => format!("`{text}` is a ROM id without `w1:` before it; write \"w1:{text}\""),
+            false => format!("`{text}` is not a sensor of this computer; {FORMS}"),
         })?;
         match kind {
             "w1" => one_wire(rest),
             "hwmon" => channel(rest, "hwmon").map(PcSensor::Hwmon),
             "iio" => channel(rest, "iio").map(PcSensor::Iio),
-            _ => Err(format!("`{kind}` is no kind of sensor of a computer; {FORMS}")),
+            _ => Err(format!("`{kind}` is not a kind of sensor of this computer; {FORMS}")),
         }
     }
 }
@@ -125,7 +125,8 @@ fn one_wire(id: &str) -> Result<PcSensor, String> {
     if !FAMILIES.contains(&family) {
         let known = FAMILIES.join(", ");
         return Err(format!(
-            "the family {family} of `{id}` is no thermometer; ROM ids of thermometers begin with {known}"
+            "the family code {family} of `{id}` does not belong to a thermometer; ROM ids of thermometers begin with \
+             {known}"
         ));
     }
     Ok(PcSensor::OneWire(id))
@@ -210,11 +211,11 @@ mod tests {
             ("28-0316a2794f01", "write \"w1:28-0316a2794f01\""),
             ("w1:w1_bus_master1", "is no ROM id"),
             ("w1:28-0316a2", "is no ROM id"),
-            ("w1:29-0316a2794f01", "the family 29"),
+            ("w1:29-0316a2794f01", "the family code 29"),
             ("hwmon:", "something is missing"),
             ("hwmon:lm75/", "something is missing"),
-            ("input:0", "is no kind of sensor"),
-            ("bed", "is no sensor of a computer"),
+            ("input:0", "is not a kind of sensor"),
+            ("bed", "is not a sensor of this computer"),
         ] {
             let why = text.parse::<PcSensor>().unwrap_err();
             assert!(why.contains(words), "{text}: {why}");

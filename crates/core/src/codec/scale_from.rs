@@ -64,7 +64,7 @@ impl ScaleFrom {
 /// Exponent of one signal: the accepted value, and the value of the last read. Two equal reads confirm a change.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct ScaleWatch {
-    /// Exponent that is in use: the first one after the start, or a later one that two reads have confirmed.
+    /// Exponent that is in use: the first exponent after the start, or a later exponent that two reads have confirmed.
     accepted: Option<i8>,
     /// Exponent of the last read. `None` before the first read, and after a read without an exponent.
     last: Option<i8>,
@@ -75,16 +75,16 @@ pub struct ScaleWatch {
 pub struct ScaleRead {
     /// Exponent for the values in the same answer, or the reason why these values cannot be used.
     pub together: Result<i8, Reason>,
-    /// Exponent for the values that were read between the previous exponent and this one, or the reason why they cannot
-    /// be used. `None` if the previous read gave no exponent, so that nothing is known about them.
+    /// Exponent for the values that were read between the previous exponent and this exponent, or the reason why they
+    /// cannot be used. `None` if the previous read gave no exponent, so that the scale of these values is unknown.
     pub before: Option<Result<i8, Reason>>,
     /// Former and new exponent, if this read confirms a change.
     pub changed: Option<(i8, i8)>,
 }
 
 impl ScaleWatch {
-    /// Creates the state after a start of the gateway. `exponent` is the exponent of the former run; `None` if the
-    /// exponent is not known.
+    /// Creates the state after a start of the gateway. `exponent` is the exponent that was in use when the gateway last
+    /// stopped; `None` if it is not known.
     pub fn after_start(exponent: Option<i8>) -> ScaleWatch {
         ScaleWatch { accepted: exponent, last: exponent }
     }
@@ -94,7 +94,7 @@ impl ScaleWatch {
         self.accepted
     }
 
-    /// Processes an exponent that was read, or the reason why the answer contains none.
+    /// Processes an exponent that was read, or the reason why the answer contains no exponent.
     pub fn read(&mut self, exponent: Result<i8, Reason>) -> ScaleRead {
         let (accepted, last) = (self.accepted, self.last);
         self.last = exponent.ok();

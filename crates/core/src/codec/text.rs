@@ -32,9 +32,9 @@ use number::Number;
 const SUM: &str = "{sum}";
 /// Number of digits of a checksum.
 const SUM_DIGITS: usize = 2;
-/// Number of decimals of a rendered number if the pattern states none.
+/// Number of decimals of a formatted number if the pattern does not state a number of decimals.
 const DECIMALS: u8 = 3;
-/// Largest count of `{skip}` and `{any}`.
+/// Largest number in `{skip 2}` and `{any 2}`: numbers or characters that one placeholder skips.
 const LARGEST_COUNT: u16 = 200;
 /// Largest number of parts of a pattern.
 const MOST_PARTS: usize = 64;
@@ -78,7 +78,7 @@ enum Part {
     Any(Option<u16>),
 }
 
-/// Kind of the pattern part that ends at a position of a line, directly before the next part.
+/// Kind of the pattern part that matched the characters directly before the present position in a line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Before {
     Literal,
@@ -107,8 +107,8 @@ impl TextPattern {
         if is_right { Ok(value) } else { Err(Reason::Checksum) }
     }
 
-    /// Matches the remaining parts with the line from a position on. Returns the value; `None` if the line does not
-    /// match.
+    /// Matches the remaining parts of the pattern with the rest of the line, from the position `at` on. Returns the
+    /// value; `None` if the line does not match.
     fn rest(
         &self,
         parts: &[Part],
@@ -246,7 +246,7 @@ impl TextPattern {
         line
     }
 
-    /// Returns a pattern for a line like this one. The value is the first number with decimals, or else the first
+    /// Returns a pattern that matches lines like `line`. The value is the first number with decimals, or else the first
     /// number. The decimal point may be a comma. Returns `None` if the line has no number, or characters that a pattern
     /// cannot contain.
     pub fn like(line: &str) -> Option<TextPattern> {
@@ -266,7 +266,7 @@ impl TextPattern {
         self.has_sum
     }
 
-    /// Returns a pattern for a line like this one, with this decimal point.
+    /// Returns a pattern that matches lines like `line`, with the decimal point `point`.
     fn like_with(line: &str, point: char) -> Option<TextPattern> {
         let characters: Vec<char> = line.chars().collect();
         let is_first_digit = |at: &usize| {
@@ -305,15 +305,16 @@ impl TextPattern {
     }
 }
 
-/// Inserts the address of a device for `{unit}`, in the form of DCON: two hexadecimal digits.
+/// Replaces `{unit}` in a text by the address of the device. As DCON modules require, the address has two hexadecimal
+/// digits.
 pub fn with_unit(text: &str, unit: u8) -> String {
     text.replace("{unit}", &format!("{unit:02X}"))
 }
 
-/// Inserts the checksum of DCON into a request: the sum of all characters before `{sum}`.
+/// Replaces `{sum}` in a request by the checksum of DCON: the sum of all characters before it.
 ///
 /// # Errors
-/// A sentence with the mistake and, after `; `, the correct notation.
+/// Returns a sentence with the mistake and, after `; `, the correct notation.
 pub fn with_sum(request: &str) -> Result<String, String> {
     let (before, sum, end) = match request.split_once(SUM) {
         Some((before, end)) => (before, digits_of_sum(&before.chars().collect::<Vec<_>>()), end),

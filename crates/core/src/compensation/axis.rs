@@ -38,7 +38,8 @@ pub(super) struct Axis {
     slope_guard: Guard,
     state: AxisState,
     permit: Permit,
-    /// Whether a model has requested more than the error level since the axis was armed.
+    /// Whether a model has requested a Cz beyond the error level (setting `error` of the axis) since the axis was
+    /// armed.
     tripped: bool,
     /// Whether the axis keeps its value because the model's inputs are outside its envelope.
     kept_outside: bool,
@@ -263,8 +264,8 @@ impl Axis {
         error.is_some_and(|error| chosen.raw.abs() > error || chosen.slope.abs() > error)
     }
 
-    /// Returns the comparison of the model in use with no compensation if the model is worse; else `None`. While no
-    /// model can be used, returns the comparison of the last decision.
+    /// Returns the comparison between the model in use and no compensation if the model is worse than no compensation;
+    /// else `None`. While no model can be used, returns the comparison of the last decision.
     fn worse(&self, chosen: Option<ModelChoice>) -> Option<Worse> {
         match chosen {
             _ if self.settings.probe.is_none() => None,

@@ -18,7 +18,7 @@ pub struct Control {
     pub take_over_slope: Option<Micron>,
     /// Whether the axis must discard the correction of its models from probings.
     pub forget: bool,
-    /// Measured error with which the axis corrects its models; `None` if there is no new one.
+    /// Measured error with which the axis corrects its models; `None` if there is no new measured error.
     pub measured: Option<Measured>,
     /// Target of Cz instead of the model's value, while an operator checks the sign of Cz with a dial gauge. Limit,
     /// step and rate of the axis still apply.
@@ -26,10 +26,10 @@ pub struct Control {
     /// Whether the operator has disarmed the axis and checked its sensors. If so, all present readings are accepted.
     pub trust: bool,
     /// Verified Cz of the output register that is farthest behind the last decision. The next Cz stays within one step
-    /// of it. `None` if no register is behind.
+    /// of this value. `None` if no register is behind.
     pub behind: Option<Micron>,
-    /// Values to which an axis that keeps its Cz returns after the settings of a sensor were changed. The decisions
-    /// since the sensor's last check are wrong.
+    /// Values to which an axis that keeps its Cz returns after the settings of a sensor were changed. The reason is
+    /// that the decisions since the last check of the sensor used wrong readings.
     pub return_to: Option<ReturnTo>,
 }
 

@@ -90,8 +90,9 @@ impl Model {
         Model { name, kind, envelope: None, expected: None, stand_ins: None }
     }
 
-    /// Returns the inputs that may lag, in the order of their [`Lag`]s. For a linear model these are the inputs of its
-    /// terms, those of the slope last. For a matrix they are its blocks, for a network its inputs.
+    /// Returns the inputs that may lag, in the order of their [`Lag`]s. A linear model returns the inputs of its terms,
+    /// then the inputs of its slope's terms. A matrix returns the inputs of its blocks (parts of the structure), a
+    /// network all its inputs.
     pub fn rises(&self) -> impl Iterator<Item = &Input> {
         self.kind.model().lagging().into_iter()
     }
@@ -129,13 +130,14 @@ impl Model {
         Micron::new(sum).ok_or(Unusable::NotANumber)
     }
 
-    /// Returns the terms whose gains probings can correct: those of a linear model, without those of its slope.
+    /// Returns the terms whose gains probings can correct: the terms of a linear model, without the terms of its slope.
+    /// Empty for other models.
     pub fn correctable(&self) -> &[Term] {
         self.kind.model().correctable().map_or(&[], |linear| &linear.terms)
     }
 
-    /// Returns the terms of a linear model without slope, whose sum with the offset is Cz. Returns none for any other
-    /// model, because a slope adds a value that is not in the terms.
+    /// Returns the terms of a linear model without slope, whose sum with the offset is Cz. Returns an empty list for
+    /// any other model, because a slope adds a value that is not in the terms.
     pub fn sum(&self) -> &[Term] {
         let plain = self.kind.model().correctable().filter(|linear| linear.slope.is_none());
         plain.map_or(&[], |linear| &linear.terms)

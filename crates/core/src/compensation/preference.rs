@@ -19,12 +19,13 @@
 //! A datum is a capture of the references of the preferred model or of the slot, such as a machine start. On an axis with
 //! the datum "zero", only a zero command captures one.
 //!
-//! Nothing moves at a change: the correction of the new model becomes the offset that keeps Cz. With the datum "zero",
-//! its zero point becomes the value that keeps Cz. A change waits while the offset would exceed the limit of the probe. It
-//! also waits while the present or the new model has no value, or is outside its envelope, and while a stand-in replaces
-//! a sensor. If Cz is zero because the present model is worse than no compensation, it stays zero at the change.
+//! Cz stays the same at a change: the correction of the new model becomes the offset that keeps Cz. With the datum
+//! "zero", its zero point becomes the value that keeps Cz. A change waits while the offset would exceed the limit of
+//! the probe. It also waits while the present or the new model has no value or is outside its envelope. It waits too
+//! while a stand-in replaces a sensor. If Cz is zero because the present model is worse than no compensation, it stays
+//! zero at the change.
 //!
-//! A saved preference belongs to the models of the profile. If these change, it is discarded.
+//! A saved preference belongs to the models of the profile. If these models change, the preference is discarded.
 
 use std::fmt;
 use std::time::Duration;
@@ -156,12 +157,12 @@ impl Preference {
         &self.preferred
     }
 
-    /// Returns the model that was preferred before the last change; `None` without a change.
+    /// Returns the model that was preferred before the last change; `None` if the preferred model has never changed.
     pub fn before(&self) -> Option<&Preferred> {
         self.before.as_ref()
     }
 
-    /// Returns the change that waits; `None` if none waits.
+    /// Returns the requested change that waits to take effect; `None` if no change waits.
     pub fn waiting(&self) -> Option<&Change> {
         self.waiting.as_ref()
     }

@@ -7,7 +7,7 @@
 //! r = (Cz_acting − e) − (model's Cz + correction)        correction += K · r        |correction| ≤ limit
 //! ```
 //!
-//! The factor K is a fixed share, or depends on the certainty of the correction.
+//! The factor K is a fixed number, or depends on the certainty of the correction.
 //!
 //! If the acting Cz was the one that the model requested, `r = −e`. If it was another one, the difference is not
 //! counted as an error of the model. Reasons are a ramp after arming, a limit, or a constant register while the axis is
@@ -49,7 +49,7 @@ pub use error_scale::ErrorScale;
 pub(super) use learned::Learned;
 pub use report::{MeasuredReport, Rejected};
 
-/// Number of residuals that are stored for display: two days with one in each hour.
+/// Number of residuals that are stored for display: two days with one probing in each hour.
 const KEPT: usize = 48;
 
 /// Measured error, and the Cz that acted in the machine during the measurement.
@@ -90,8 +90,8 @@ pub enum Refused {
     Outside,
     /// The residual error of the model is more than `max_error`.
     Implausible,
-    /// The residual error of the model is more than the certainty of its correction allows: this value. A second
-    /// probing must agree.
+    /// The residual error of the model is larger than this value, which the certainty of its correction allows. A
+    /// second probing must agree.
     Doubted(Micron),
 }
 
@@ -114,7 +114,7 @@ pub struct Probe {
     pub(super) models: Vec<Learned>,
     last: Option<Probed>,
     history: VecDeque<Residual>,
-    /// Reports that were used, by which a repeated report is recognised.
+    /// Reports that were used. A repeated report is recognised by comparison with them.
     #[serde(default, skip_serializing_if = "TakenReports::is_empty")]
     pub(super) reports: TakenReports,
 }
@@ -171,7 +171,8 @@ impl Probe {
         self.models.get(model).map_or(&[], Learned::gains)
     }
 
-    /// Returns the comparison with no compensation of a model that is worse; `None` if the model is not worse.
+    /// Returns the comparison between a model and no compensation if the model is worse than no compensation; else
+    /// `None`.
     pub fn worse(&self, model: usize) -> Option<Worse> {
         self.models.get(model).and_then(Learned::worse)
     }

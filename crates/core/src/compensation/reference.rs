@@ -1,8 +1,8 @@
 //! References of temperature rises, and the running time of the machine.
 //!
-//! Both belong to the machine, not to an axis, and are saved for a restart. [`Machine::observe`] detects edges of the
-//! `on` and `zero` signals by comparing two calls. The caller calls [`Machine::would_notice`] at every new reading, so
-//! that a short press of a button between two updates is not lost.
+//! References and running time belong to the machine, not to an axis, and are saved for a restart. [`Machine::observe`]
+//! detects edges of the `on` and `zero` signals by comparing two calls. The caller calls [`Machine::would_notice`] at
+//! every new reading, so that a short press of a button between two updates is not lost.
 
 use std::time::Duration;
 
@@ -29,7 +29,7 @@ pub enum Reference {
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Machine {
     on_since: Option<Moment>,
-    /// Running time of the machine before `on_since`, from before a restart of the gateway.
+    /// Running time of the machine before `on_since`. It was counted before a restart of the gateway.
     #[serde(default)]
     on_before: Duration,
     /// Largest possible time since machine start in which the gateway did not run, so that it is not part of the
@@ -131,7 +131,7 @@ impl Machine {
     }
 
     /// Takes the references of all signals out of the state. The first list contains the references of machine start,
-    /// the second one those of the last zero command.
+    /// the second list the references of the last zero command.
     pub fn take_references(&mut self) -> [Vec<Capture>; 2] {
         [&mut self.start, &mut self.zero].map(std::mem::take)
     }
@@ -297,7 +297,7 @@ impl Machine {
         was_captured
     }
 
-    /// Starts to capture the "zero" references of all signals. The old references are used until the new ones are
+    /// Starts to capture the "zero" references of all signals. The old references are used until the new references are
     /// complete.
     pub fn zero(&mut self, settings: &MachineSettings, now: Moment) {
         self.zero.resize(settings.signals, Capture::default());
@@ -368,7 +368,7 @@ fn is_high(value: f64) -> bool {
     value >= 0.5
 }
 
-/// Returns whether a signal is high now and was not before, and stores its level in `last`. The first value counts as
+/// Returns whether a signal is high now and was low before, and stores its level in `last`. The first value counts as
 /// an edge if it is high.
 fn rising(last: &mut Option<bool>, signal: Option<SignalId>, snapshot: &Snapshot<'_>) -> bool {
     let Some(now) = signal.and_then(|id| snapshot.value(id)).map(is_high) else { return false };

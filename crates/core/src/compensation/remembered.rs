@@ -94,9 +94,8 @@ impl Remembered {
         self
     }
 
-    /// Returns the state for a run that starts at `now`, from one that was saved at `kept`. The two moments may be of
-    /// different clocks: saved times are shifted by their difference. The length of the time between the two runs comes
-    /// from `stop`.
+    /// Returns this state, which was saved at `kept`, for a run that starts at `now`. The two times may come from
+    /// different clocks: all saved times are shifted by the difference. `stop` contains the time between the two runs.
     #[must_use]
     pub fn resumed(self, kept: Moment, now: Moment, stop: Stop) -> Remembered {
         let mut resumed = self.counted_until(kept).shifted(Shift::between(kept, now));
@@ -112,8 +111,8 @@ impl Remembered {
         resumed
     }
 
-    /// Returns the names of the first axis and model with another stand-ins file than when the state was saved; `None`
-    /// if there are none.
+    /// Returns the names of the first axis and model whose stand-ins file has changed since the state was saved; `None`
+    /// if no file has changed.
     pub fn other_stand_ins<'a>(
         &'a self,
         axes: impl IntoIterator<Item = &'a AxisSettings>,
@@ -129,8 +128,8 @@ impl Remembered {
         })
     }
 
-    /// Returns the axes whose saved learned model is not used, with its name. The models of the profile have changed, or
-    /// the axis lacks one of its inputs.
+    /// Returns each axis whose saved learned model is not used, and the name of this model. The reason is that the
+    /// models of the profile have changed, or that the axis lacks an input of the learned model.
     pub fn superseded<'a>(
         &'a self,
         axes: impl IntoIterator<Item = &'a AxisSettings>,
@@ -191,8 +190,8 @@ shifted!(KeptLag: lagged);
 
 /// Time between two runs of the gateway. The wall clock gives it if the clock is valid.
 ///
-/// Everything that follows a temperature continues over this time. The running time of the machine does not: after a
-/// day off, the gateway does not know whether the machine was on.
+/// The lags continue over this time, because temperatures change while the gateway is stopped. The running time of the
+/// machine does not continue: after a day off, the gateway does not know whether the machine was on.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Stop {
     /// Time between the two runs by the wall clock. `None` if the clock was set in between, or if the time is too long.
@@ -200,7 +199,7 @@ pub struct Stop {
 }
 
 impl Stop {
-    /// Longest time between two runs that is accepted.
+    /// Longest accepted time between two runs.
     pub const LONGEST: Duration = Duration::from_hours(30 * 24);
 
     /// Returns the time from `kept`, when the state was saved, to `now`, both by the wall clock. A negative or too long

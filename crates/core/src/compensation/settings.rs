@@ -23,7 +23,7 @@ pub struct AxisSettings {
     pub every: Duration,
     /// Action if no model can be used, or a write cannot be verified.
     pub on_fault: OnFault,
-    /// Absolute values of Cz beyond which the axis gives a warning, and beyond which it runs its fault action.
+    /// Two absolute values of Cz: beyond `warn` the axis gives a warning, beyond `error` it runs its fault action.
     pub levels: Levels,
     /// Datum: zero point from which Cz is measured.
     pub datum: Datum,
@@ -50,9 +50,9 @@ pub struct LearnedSlot {
 pub struct ProbeSettings {
     /// Largest absolute correction of a model's Cz, µm.
     pub limit: Micron,
-    /// Rule for the share of a residual that one probing adds to the correction.
+    /// Rule for the fraction of a residual that one probing adds to the correction.
     pub filter: Filter,
-    /// Largest accepted residual error of a model. A probing with a larger one is refused.
+    /// Largest accepted residual error of a model. A probing with a larger residual error is refused.
     pub max_error: Micron,
     /// Residual error beyond which the model is reported as aged; `None` if it is never reported.
     pub warn: Option<Micron>,
@@ -83,12 +83,12 @@ pub enum OnWorse {
     Ramp,
 }
 
-/// Rule for the share of a residual that one probing adds to the correction of a model.
+/// Rule for the fraction of a residual that one probing adds to the correction of a model.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Filter {
-    /// Constant share of the residual, above 0 and up to 1.
+    /// Constant fraction of the residual, above 0 and up to 1.
     Share(f64),
-    /// Share that depends on two variances: the variance of the correction, and the variance of the probing.
+    /// Fraction that depends on two variances: the variance of the correction, and the variance of the probing.
     Weighed {
         /// Standard deviation of a probing, µm. Above zero.
         repeat: f64,
@@ -103,8 +103,8 @@ impl Filter {
     /// Default of the increase of a correction's variance in each hour, µm²/h, for a profile that does not state it.
     pub const WALK: f64 = 4.0;
 
-    /// Returns the standard deviation of a probing, µm. A constant share has no such setting, so the default is
-    /// returned.
+    /// Returns the standard deviation of a probing, µm. A filter with a constant fraction has no such setting; the
+    /// default is returned for it.
     #[must_use]
     pub const fn repeat(self) -> f64 {
         match self {
@@ -117,7 +117,7 @@ impl Filter {
 /// Settings for correcting the gains of linear models with probings.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct GainSettings {
-    /// Factor that each probing applies to the weight of all earlier ones, above 0 and up to 1.
+    /// Factor that each probing applies to the weight of all earlier probings, above 0 and up to 1.
     pub forgetting: f64,
     /// Largest relative correction of a gain.
     pub limit: f64,

@@ -1,5 +1,5 @@
-//! Detection of frozen sensors, and stand-ins (estimates from other sensors) for frozen and lost ones. A step is pure,
-//! and allocates no memory.
+//! Detection of frozen sensors, and stand-ins (estimates from other sensors) for frozen and lost sensors. A step is
+//! pure, and allocates no memory.
 //!
 //! Notation: x̂ is the rise of a sensor as its predictors (other sensors) predict it, as the mean of a minute. s is the
 //! time at which the sensor's reading last changed, and y the reading at that time. If the machine does not change, the
@@ -20,11 +20,11 @@
 //! - A suspicion alone never puts an axis on hold. The reading of a suspected sensor without a stand-in is used for
 //!   everything except the predictions of other sensors. The same applies to models whose own watch has no stand-in for
 //!   the sensor.
-//! - The reading of a sensor with a stand-in is not used, and neither is that of a lost sensor that is not accepted
-//!   yet. If a lost sensor has no stand-in, its lags wait, no probing corrects the model, and no reference is captured
-//!   from the sensor.
+//! - The reading of a sensor with a stand-in is not used. The reading of a lost sensor is not used until the sensor is
+//!   accepted again. If a lost sensor has no stand-in, its lags wait, no probing corrects the model, and no reference
+//!   is captured from the sensor.
 //! - A stand-in is never part of another stand-in. A suspected, frozen or lost sensor only contributes to the detection
-//!   of frozen sensors, so that a second one is found.
+//!   of frozen sensors, so that a second frozen sensor is found.
 //! - A stand-in depends on at least two other sensors. These sensors and the stand-in must be inside the ranges on
 //!   which the model was identified. The envelope gives a range for each input. The Mahalanobis distance of the
 //!   envelope is ignored, because a frozen sensor changes it.
@@ -72,7 +72,7 @@ const PAUSE: Duration = Duration::from_secs(2 * 60);
 /// Sensor whose reading is replaced by a stand-in, an estimate from other sensors.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SubstitutedSensor {
-    /// Signal of the sensor that is predicted.
+    /// Signal of the sensor whose reading is replaced.
     pub signal: SignalId,
     /// Time at which the sensor's reading last changed (frozen), or was last good (lost).
     pub since: Moment,
@@ -85,7 +85,7 @@ pub struct SubstitutedSensor {
 /// Sensor of an axis that is suspected, frozen or lost.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RejectedSensor {
-    /// Signal of the sensor that is predicted.
+    /// Signal of the suspected, frozen or lost sensor.
     pub signal: SignalId,
     /// Time at which the sensor's reading last changed (suspected or frozen), or was last good (lost).
     pub since: Moment,
@@ -117,12 +117,13 @@ pub(super) struct Watch {
     bank: Vec<BankInput>,
     /// Shadow of each lag: the state that the lag would have if its sensor had been frozen since its last change.
     shadows: Vec<Lag>,
-    /// End of the current minute, over which means are calculated; `None` before the first one.
+    /// End of the current minute, over which means are calculated; `None` before the first minute.
     until: Option<Moment>,
     /// Time of the last check of the readings.
     #[serde(default)]
     looked: Option<Moment>,
-    /// For each term of the model: index of its sensor in `sensors`; `None` if the stand-ins file does not contain it.
+    /// For each term of the model: index of its sensor in `sensors`; `None` if the stand-ins file does not contain this
+    /// sensor.
     #[serde(skip)]
     of_terms: Vec<Option<usize>>,
     /// Substitutes for the rejected readings, at most one for each sensor.
@@ -199,7 +200,7 @@ impl Watch {
     }
 
     /// Handles a time of length `span` in which the gateway did not run. The lags are advanced over this time. If this
-    /// time was longer than [`PAUSE`], the predictions from before it are discarded.
+    /// time was longer than [`PAUSE`], the earlier predictions are discarded.
     pub(super) fn away(&mut self, span: Duration) {
         if span > PAUSE {
             self.sensors.iter_mut().for_each(Sensor::away);
@@ -307,8 +308,8 @@ impl Watch {
     }
 
     /// Updates the shadows and the inputs of the predictions, after the lags of the model. At the end of a minute,
-    /// judges each sensor. `lags`: lags of the model; those of a sensor that is now replaced are set to their shadows.
-    /// `seen`: the snapshot as the model uses it.
+    /// judges each sensor. `lags`: lags of the model. If a stand-in now replaces a sensor, the lags of this sensor are
+    /// set to their shadows. `seen`: the snapshot as the model uses it.
     pub(super) fn follow(
         &mut self,
         (model, settings, bounds): (&Model, &StandIns, Bounds<'_>),
@@ -388,8 +389,8 @@ impl Watch {
         }
     }
 
-    /// Returns the change of the axis's target, µm, if a stand-in replaced this sensor from now on. `None` if the
-    /// sensor is not suspected, if it has no stand-in, or if the model has no value.
+    /// Returns the change of the axis's target, µm, that would occur if a stand-in replaced this sensor from now on.
+    /// `None` if the sensor is not suspected, if it has no stand-in, or if the model has no value.
     fn moved_by(
         &mut self,
         (model, settings, bounds): (&Model, &StandIns, Bounds<'_>),

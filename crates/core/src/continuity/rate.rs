@@ -19,12 +19,12 @@ pub enum RateFault {
     Jumped,
 }
 
-/// Filter that rejects implausible values of one signal. It compares each value with the last good one, and the first
-/// value after a break of continuity with the last value before the break.
+/// Filter that rejects implausible values of one signal. It compares each value with the last good value. After a break
+/// of continuity, it compares the first value with the last value before the break.
 ///
 /// While contact lasts, the allowed change grows with the time since the last good value. Over a break, the allowed
-/// change grows only while no value arrives: a replaced device does not become plausible by waiting. If the last value
-/// before the break was rejected, the last good one counts too: a device may send a wrong value before it fails. The
+/// change grows only while no value arrives: a replaced device does not become plausible by waiting. A device may send
+/// a wrong value before it fails. Therefore the first value after a break may also agree with the last good value. The
 /// signal is accepted again when a value is within the allowed change, or after [`RateFilter::forget`], when the
 /// operator has confirmed the device.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -70,7 +70,7 @@ impl RateFilter {
     }
 
     /// Checks a value that was measured at `at` against `rate`, the `max_rate` per second (`None`: no limit). `breaks`
-    /// is the number of breaks of continuity so far. A plausible value becomes the last good one.
+    /// is the number of breaks of continuity so far. A plausible value becomes the last good value.
     ///
     /// # Errors
     /// Returns why the value is implausible. The last good value does not change.
@@ -109,7 +109,7 @@ impl RateFilter {
         }
     }
 
-    /// Records a value. If it is the first one after a break, its allowed difference from the last value is fixed.
+    /// Records a value. For the first value after a break, also calculates the allowed difference from the last value.
     fn note(&mut self, (value, at): (f64, Moment), rate: f64, breaks: u64) {
         let is_first = std::mem::replace(&mut self.breaks, breaks) != breaks;
         let last = self.last.replace((value, at));
@@ -134,7 +134,7 @@ impl RateFilter {
     }
 }
 
-/// Returns the largest plausible change in this time.
+/// Returns the largest plausible change of a value in the time `span`.
 fn change_in(rate: f64, span: Duration) -> f64 {
     rate * span.as_secs_f64().max(LEAST_SECONDS)
 }

@@ -1,4 +1,4 @@
-//! Actions: the result of a step.
+//! Actions of an output. Each call of [`step`](super::step) returns one action, which the caller executes.
 
 use serde::{Deserialize, Serialize};
 

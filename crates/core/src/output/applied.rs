@@ -1,4 +1,5 @@
-//! Applied value: a control reports in another register which offset it applies. That verifies the write.
+//! Applied value: the offset that a control applies. The control reports it in another register, and the gateway
+//! verifies its writes with it.
 //!
 //! The written register itself is read and compared like the register of any other output. After each change, the
 //! control has the time `settle` to apply the value. Until the control applies the value, nothing else is sent. If the

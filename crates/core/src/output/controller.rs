@@ -86,7 +86,8 @@ impl Shifted for Controller {
 }
 
 impl Controller {
-    /// Creates the controller of a register at a start. `pauses` is the number of pauses of the computer so far.
+    /// Creates the controller of an output at a start of the gateway. `pauses` is the number of pauses of the computer
+    /// so far.
     pub fn new(settings: &Settings, state: State, pauses: u64, now: Moment) -> Controller {
         let mut policy =
             Policy { inputs: LastInputs { pauses, ..LastInputs::default() }, ..Policy::default() };
@@ -112,17 +113,17 @@ impl Controller {
         debug_assert!(!self.state.is_asking(), "every open action has ended");
     }
 
-    /// State of the register.
+    /// Returns the state of the register.
     pub fn state(&self) -> &State {
         &self.state
     }
 
-    /// State of the register, mutable for the end of a run.
+    /// Returns the state of the register, mutable for the end of a run.
     pub fn state_mut(&mut self) -> &mut State {
         &mut self.state
     }
 
-    /// State of the controller, apart from the state of its register.
+    /// Returns the state of the controller, apart from the state of its register.
     pub fn policy(&self) -> &Policy {
         &self.policy
     }
@@ -157,7 +158,7 @@ impl Controller {
         self.policy.inputs.is_armed
     }
 
-    /// Returns whether the control has perhaps not yet taken the register values of its output set.
+    /// Returns whether it is uncertain that the control has taken the register values of the output set.
     pub fn is_bound(&self) -> bool {
         self.policy.set != SetCommit::Taken
     }
@@ -167,8 +168,9 @@ impl Controller {
         self.state.shown(settings).verified.map_or(settings.bias, |seen| seen.value)
     }
 
-    /// Returns whether the caller must wait until the state is saved on disk. A value to send may have to be on disk
-    /// first. New parts of a shared register (operator offset, gateway share) are reported only after they are saved.
+    /// Returns whether the caller must wait until the state is saved on disk. Some values must be on disk before they
+    /// are sent. New parts of a shared register (operator offset, gateway share) are reported only after they are
+    /// saved.
     pub fn must_keep(&self, settings: &Settings) -> bool {
         let mut said = self.policy.said;
         let has_to_report = is_open(&self.state, settings) && said.first(Topic::Division);
@@ -368,8 +370,8 @@ impl Controller {
         }
     }
 
-    /// Records a failed write. While the axis is off, the register value is only sent along with other outputs of its
-    /// output set, and a failure is not recorded.
+    /// Records a failed write. A failure while the axis is off is not recorded: the register value is then only sent
+    /// along with other outputs of its output set.
     fn write_fails(&mut self, trouble: Trouble) {
         if self.policy.inputs.is_armed {
             self.fails(trouble);
@@ -457,7 +459,7 @@ impl Controller {
         }
     }
 
-    /// Records that a read of the applied value was not answered. This is no trouble while the control is known to
+    /// Records that a read of the applied value was not answered. This is not a trouble while the control is known to
     /// apply the register value.
     fn applied_no_answer(&mut self, asked: Moment) {
         self.policy.applied.no_answer(asked);

@@ -66,7 +66,7 @@ pub enum Event {
     },
     /// A late write may still arrive, and the next change would be too far from the value of that write.
     WaitingForLateWrite {
-        /// Longest possible wait, s.
+        /// Longest time for which the next change can wait for that write, s.
         seconds: u64,
     },
     /// The device acknowledges writes, but the register is not read back.

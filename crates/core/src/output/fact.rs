@@ -1,4 +1,5 @@
-//! Facts: the inputs of a step, and the originator of an arming.
+//! Facts: the inputs of [`step`](super::step). A fact is something that has happened to a register, its axis or its
+//! device.
 
 use serde::{Deserialize, Serialize};
 

@@ -1,10 +1,11 @@
-//! Failures of a handshake with a control.
+//! Failures of a handshake with a control. In a handshake, the gateway sets a strobe signal, and the control answers
+//! with an acknowledge signal.
 
 use serde::{Deserialize, Serialize};
 
 use crate::events::EventKind;
 
-/// Stage at which a handshake failed. A handshake: the gateway sets a strobe signal, and the control answers with an
+/// Stage at which a handshake failed. In a handshake, the gateway sets a strobe signal, and the control answers with an
 /// acknowledge signal.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]

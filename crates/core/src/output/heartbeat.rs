@@ -7,8 +7,8 @@ use serde::{Deserialize, Serialize};
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Beat {
-    /// No heartbeat is sent: in a dry run, before the first arming with `arm = "manual"`, and otherwise before the
-    /// first reading.
+    /// No heartbeat is sent: in a dry run, before the first arming of an axis with `arm = "manual"`, and otherwise
+    /// before the first reading of a signal.
     #[default]
     Silent,
     /// The count does not change, because the gateway did not compute the decisions of the axes in time.

@@ -7,7 +7,7 @@
 //! |---|---|
 //! | a | the write was acknowledged, and a read requested after that answer shows the value |
 //! | b | the write was refused or not sent: it is not added at all |
-//! | c | one read showed another value, and a later one shows this value. In between, this was the only write of its value that could arrive. Not for zero, which a restarted CNC shows too, for an expired value, or for a write with `is_pinned` |
+//! | c | a read showed another value, and a later read shows this value. Between the two reads, no other write of this value could arrive. Not valid for zero (which a restarted CNC shows too), for an expired value, and for a write with `is_pinned` |
 //! | d | a read was requested when the write could no longer arrive. If the output cannot be read: a write begun after that time was acknowledged |
 //!
 //! A write that ends by (d) without an answer is **expired**. It is still recognised for a while, in case a device on
@@ -40,7 +40,7 @@ pub struct InFlightWrite {
     /// Time of the first read that showed another value. `None` if there was none, or if the same value was sent again
     /// since.
     pub other_seen: Option<Moment>,
-    /// Whether a read of this value is no proof that an unanswered write has arrived. Possible reasons: the write is
+    /// Whether a read of this value does not prove that an unanswered write has arrived. Possible reasons: the write is
     /// from before the start, the operator may have entered the value, or the value was sent twice.
     pub is_pinned: bool,
 }
@@ -59,8 +59,8 @@ pub struct ExpiredWrite {
 /// All values of the gateway that may still appear in one register.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub struct InFlightWrites {
-    /// Writes that may still arrive. There is room for two more than are ever sent: the value that was saved before its
-    /// write, and the register value. Both are found on disk at a start.
+    /// Writes that may still arrive. The list has room for two more writes than are ever sent. A start of the gateway
+    /// adds two values from disk: the value that was saved before its write, and the register value.
     under_way: Slots<InFlightWrite, { MOST_UNDER_WAY + 2 }>,
     #[serde(rename = "lately")]
     expired: Slots<ExpiredWrite, { MOST_REMEMBERED + 2 }>,
@@ -111,7 +111,7 @@ impl InFlightWrites {
     }
 
     /// Returns the range of values that may be sent. They are at most one `step` from the register value, and at most
-    /// `reach` from everything that may still arrive.
+    /// `reach` from every value that may still arrive.
     pub fn room(&self, current: Counts, step: Counts, reach: Counts) -> SendRange {
         let around = SendRange { low: current - step, high: current + step };
         self.under_way.iter().fold(around, |room, sent| SendRange {
@@ -120,8 +120,8 @@ impl InFlightWrites {
         })
     }
 
-    /// Adds a write that was sent. An earlier write of the same value that cannot be distinguished from it is merged
-    /// with it. Returns false if the list was full; the write is then not added.
+    /// Adds a write that was sent. An earlier write of the same value is merged with the new write if the two cannot be
+    /// distinguished. Returns false if the list was full; the write is then not added.
     #[must_use]
     pub(super) fn add(&mut self, mut sent: InFlightWrite) -> bool {
         if sent.answered.is_some()
@@ -204,7 +204,7 @@ impl InFlightWrites {
         self.under_way.iter_mut().for_each(|sent| sent.is_pinned = true);
     }
 
-    /// Returns the time after which none of the writes can arrive any more. `None` if no write may still arrive.
+    /// Returns the time after which no write of the list can arrive any more. `None` if no write may still arrive.
     pub fn all_over(&self, late: Duration) -> Option<Moment> {
         self.under_way.iter().map(|sent| sent.left.after(late)).max()
     }

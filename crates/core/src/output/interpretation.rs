@@ -1,4 +1,4 @@
-//! Meaning of a read of the register. Nothing here changes the state.
+//! Meaning of a register value that was read. The functions do not change the state of the output.
 
 use super::event::Doubt;
 use super::settings::{Rule, Settings};
@@ -94,10 +94,10 @@ fn shared(state: &State, settings: &Settings, expected: Counts, found: Counts, a
     }
 }
 
-/// Returns whether the gateway share in the value `found` would be larger than the limit and than the present gateway
-/// share, if the operator offset were unchanged. Two causes are possible. The operator has entered a value that the
-/// gateway sent with another operator offset. Or this write of the gateway has arrived, and undone the operator's
-/// change.
+/// Calculates the gateway share in the value `found`, assuming that the operator offset is unchanged. Returns whether
+/// this share is larger than the limit and than the present gateway share. Two causes are possible. The operator has
+/// entered a value that the gateway sent with another operator offset. Or this write of the gateway has arrived, and
+/// undone the operator's change.
 fn is_no_share(state: &State, settings: &Settings, found: Counts) -> bool {
     state.account.is_some_and(|account| {
         let share = found.abs_diff(account.base);

@@ -1,9 +1,9 @@
 //! Numbers of an output set (outputs that are written together) whose control acknowledges each set that it takes.
 //!
-//! Some controls take a set only if its number follows the last one that they took. If an answer is lost, the gateway
-//! does not know whether the control took the set. The number therefore advances only when the control has acknowledged
-//! the set. Until then, the gateway tries the possible next numbers in turn, highest first, always with the same
-//! values:
+//! Some controls take a set only if its number follows the number of the last set that they took. If an answer is lost,
+//! the gateway does not know whether the control took the set. The number therefore advances only when the control has
+//! acknowledged the set. Until then, the gateway tries the possible next numbers in turn, highest first, always with
+//! the same values:
 //!
 //! | result of an attempt | meaning | next attempt |
 //! |---|---|---|
@@ -11,8 +11,9 @@
 //! | unknown: the set, the strobe signal or an answer was lost | none | the same number |
 //! | not acknowledged, although the control answers | the control has another number, or its acknowledge signal is broken | the next number in turn |
 //!
-//! If every number was refused, one more becomes possible: the control may have taken the highest without acknowledging
-//! it. After a killed run, a lower one becomes possible too: the control may have refused the numbers of that run.
+//! If every number was refused, one more number becomes possible: the control may have taken the highest without
+//! acknowledging it. After a killed run, a lower number becomes possible too: the control may have refused the numbers
+//! of that run.
 
 use serde::{Deserialize, Serialize};
 
@@ -87,7 +88,7 @@ impl Numbers {
         later(self.taken, self.count - self.refused)
     }
 
-    /// Returns whether this number is the last acknowledged one, or one that was tried since.
+    /// Returns whether this number is the last acknowledged number, or a number that was tried since.
     pub(super) fn contains(&self, number: u16) -> bool {
         distance(self.taken, number).is_some_and(|place| place <= self.count)
     }
@@ -97,7 +98,7 @@ impl Numbers {
         self.values == Values::Changed
     }
 
-    /// Returns whether `number` is near enough to the last acknowledged one to be from an earlier run.
+    /// Returns whether `number` is near enough to the last acknowledged number to come from an earlier run.
     pub(super) fn reaches(&self, number: u16) -> bool {
         distance(self.taken, number).is_some_and(|place| place < REACH)
     }

@@ -1,4 +1,4 @@
-//! Choice of the next action from the state.
+//! Choice of the next action of an output from its state.
 
 use std::time::Duration;
 
@@ -177,7 +177,7 @@ fn aim(state: &State, settings: &Settings, current: Counts, order: Setpoint, now
     nearest.map_or(Aim::Blocked, Aim::Send)
 }
 
-/// Returns the values within one step of the register value and of everything that may still arrive.
+/// Returns the values within one step of the register value and of every value that may still arrive.
 fn room(state: &State, settings: &Settings, current: Counts) -> SendRange {
     if settings.rules.has(Rule::NearCopies) {
         state.copies.room(current, settings.step, settings.reach())
@@ -232,9 +232,9 @@ fn send(state: &mut State, settings: &Settings, value: Counts, asked: Moment, no
 }
 
 /// Returns whether the register value must be sent again, for one of three reasons:
-/// - it is refreshed;
+/// - its period `refresh` is over;
 /// - a register that did not take the last write must be tested;
-/// - the output cannot be read, and only another acknowledged write ends an unanswered one.
+/// - the output cannot be read, and only another acknowledged write ends an unanswered write.
 fn repeats(state: &State, settings: &Settings, aim: Option<Aim>, now: Moment) -> bool {
     let Some(seen) = state.verified else { return false };
     let rests = !state.is_waiting && aim.is_none_or(|aim| aim == Aim::There) && state.answered.is_none();

@@ -6,10 +6,10 @@
 //!
 //! | state at the turn | action |
 //! |---|---|
-//! | a display, and no axis that is on or no usable position | dashes instead of a position, now and every ten seconds |
+//! | a display, while the axis is off or the position is not usable | dashes instead of a position, now and every ten seconds |
 //! | no new position | nothing |
-//! | an axis that is off, or a dry run | nothing: the next Cz is the decided one |
-//! | a device that backs off | nothing: the position is used later |
+//! | an axis that is off, or a dry run | nothing: the next write uses the decided Cz |
+//! | a device to which nothing is sent for a while (back-off) | nothing: the position is used later |
 //! | an open interlock, or one with an unknown signal | nothing |
 //! | a new position | position and Cz |
 
@@ -55,7 +55,7 @@ enum Interlock {
 pub struct PositionDemand {
     /// Time at which the latest position was read.
     pub read_at: Moment,
-    /// Whether the position can be used.
+    /// Whether the position is valid: its reading is good.
     pub is_usable: bool,
     /// Decision of the axis. `None` if the axis is off, and in a dry run.
     pub decision: Option<PositionDecision>,
@@ -118,7 +118,7 @@ pub enum PositionResult {
     Lapsed,
     /// The write was refused, not answered or not sent.
     Failed {
-        /// Whether the device did not answer, or did not take the value.
+        /// Kind of the failure: the device did not answer, or did not take the value.
         trouble: Trouble,
         /// Whether the request was sent, so that the device may carry it out.
         may_have_arrived: bool,
@@ -126,7 +126,7 @@ pub enum PositionResult {
 }
 
 /// Turn of a corrected position (one call of its controller by the task of the bus line), for the log. With the same
-/// demand and result, the controller decides the same again.
+/// demand and result, the controller makes the same decision in a replay.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct PositionTurn {
@@ -167,7 +167,7 @@ impl PositionTurn {
         *self == PositionTurn { demand, ..*last } && before.is_alike_inside(after)
     }
 
-    /// Returns the turn (call of the controller) that repeats this one with the next position.
+    /// Returns the turn (call of the controller) that repeats this turn with the next position.
     #[must_use]
     pub fn again(mut self) -> PositionTurn {
         self.demand.read_at = self.demand.read_at.after(Duration::from_nanos(1));

@@ -44,9 +44,9 @@ impl Shifted for PositionCz {
     }
 }
 
-/// Returns the Cz of the next position, µm. `last` is the Cz of the previous one. The result approaches the target by
-/// one step at most, never moves away from it, and never passes it. `decided` is the Cz that the axis has decided,
-/// which may be ahead of the value sent.
+/// Returns the Cz of the next position, µm. `last` is the Cz of the previous position. The result approaches the target
+/// by one step at most, never moves away from it, and never passes it. `decided` is the Cz that the axis has decided,
+/// which may be ahead of the Cz that was sent last.
 fn next_inside(last: Micron, decided: Micron, target: Micron, step: Micron) -> Micron {
     let next = last + (decided - last).clamp_to(step);
     let (low, high) = if last < target { (last, target) } else { (target, last) };

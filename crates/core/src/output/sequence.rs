@@ -1,9 +1,9 @@
 //! Number of a set of outputs, as the register of the number shows it.
 //!
-//! Some controls take a set when its number differs from the last one, others only when it is the next number. A number
-//! must therefore not repeat with other values, and no number may be omitted. A set gets the number after the latest
-//! one that the register has held. A set that arrives late restores an older number, or puts other values under the
-//! same number. The control has then perhaps not taken the register values.
+//! Some controls take a set when its number differs from the last number, other controls only when it is the next
+//! number. A number must therefore not repeat with other values, and no number may be omitted. A set gets the number
+//! after the latest number that the register has held. A set that arrives late restores an older number, or puts other
+//! values under the same number. The control has then perhaps not taken the register values.
 
 use std::time::Duration;
 

@@ -1,7 +1,8 @@
 //! Controller of an output set: outputs that are read, written and taken together ([`Transaction`]).
 //!
-//! When one output is written, all of them are: the others with the values that were just read. Heartbeat and control
-//! word therefore continue in every state. A value that another client writes between this read and the write is lost.
+//! When one output is written, all outputs of the set are written: the other outputs with the values that were just
+//! read. Heartbeat and control word therefore continue in every state. A value that another client writes between this
+//! read and the write is lost.
 //!
 //! ```text
 //! Demand ─► handshake of an earlier turn ─► Keep… ─► acknowledge down? ─► Read ─► Keep… ─► Write ─► Read ─► Keep…
@@ -55,8 +56,8 @@ pub struct SetController {
 }
 
 impl SetController {
-    /// Creates the controller of an output set at a start. `was_in_order`: the last run was stopped cleanly, and no
-    /// task of this run was interrupted.
+    /// Creates the controller of an output set at a start of the gateway. `was_in_order`: the last run was stopped
+    /// cleanly, and no task of this run was interrupted.
     pub fn new(
         settings: &SetSettings,
         members: Vec<Controller>,
@@ -80,17 +81,17 @@ impl SetController {
         set
     }
 
-    /// Controllers of the outputs.
+    /// Returns the controllers of the outputs.
     pub fn members(&self) -> &[Controller] {
         self.members.controllers()
     }
 
-    /// Controllers of the outputs, mutable for their events and the end of a run.
+    /// Returns the controllers of the outputs, mutable for their events and the end of a run.
     pub fn members_mut(&mut self) -> &mut [Controller] {
         self.members.controllers_mut()
     }
 
-    /// State of the handshake: level of the strobe signal, and the awaited level of the acknowledge signal.
+    /// Returns the state of the handshake: level of the strobe signal, and the awaited level of the acknowledge signal.
     pub fn strobe(&self) -> &Strobe {
         &self.strobe
     }
@@ -100,7 +101,7 @@ impl SetController {
         std::mem::take(&mut self.faults)
     }
 
-    /// Returns whether the control has perhaps not yet taken the register values.
+    /// Returns whether it is uncertain that the control has taken the register values.
     pub fn is_bound(&self) -> bool {
         self.members.is_bound()
     }

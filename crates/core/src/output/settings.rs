@@ -50,8 +50,8 @@ impl Settings {
         (centre + offset).clamp(lowest, highest)
     }
 
-    /// Returns whether a value must be saved on disk before it is sent: for a shared register, and for one that cannot
-    /// be read.
+    /// Returns whether a value must be saved on disk before it is sent: for a shared register, and for a register that
+    /// cannot be read.
     pub fn promises(&self) -> bool {
         self.is_shared || self.verify == Verify::Echo
     }
@@ -100,7 +100,7 @@ pub enum Rule {
     NoWindup,
 }
 
-/// Active rules: all of them, or all but one.
+/// Active rules of [`step`](super::step): all rules, or all except one.
 #[doc(hidden)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Rules {
@@ -108,7 +108,7 @@ pub struct Rules {
 }
 
 impl Rules {
-    /// Returns all rules but this one.
+    /// Returns all rules except this rule.
     pub const fn without(rule: Rule) -> Rules {
         Rules { off: Some(rule) }
     }

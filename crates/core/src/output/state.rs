@@ -83,7 +83,7 @@ shifted!(State: pending_action, copies, verified, order, promised_until, settles
     reads_from, writes_from, keeps_from, written_at);
 
 impl State {
-    /// Creates the state at a start, from the state that the last run left on disk.
+    /// Creates the state at a start of the gateway, from the state that the last run left on disk.
     pub fn new(settings: &Settings, kept: Option<&SavedOutput>, now: Moment) -> State {
         let nothing = SavedOutput::default();
         let was_in_order = kept.is_some_and(|kept| kept.in_order);
@@ -281,8 +281,8 @@ impl State {
         self.promised.is_some()
     }
 
-    /// Returns the time until which earlier writes, of this run or the previous one, can delay a change. `None` if
-    /// there are none.
+    /// Returns the time until which earlier writes, of this run or the previous one, can delay a change. `None` if no
+    /// earlier write can delay a change.
     pub fn waits_until(&self, settings: &Settings) -> Option<Moment> {
         self.copies.all_over(settings.late).into_iter().chain(self.settles_at).max()
     }

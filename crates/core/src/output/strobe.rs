@@ -11,7 +11,7 @@
 //! Before anything is written, the acknowledge signal must be down (`Clear`). Otherwise an earlier signal would be
 //! mistaken for the answer to the next strobe signal. If the write that raises the strobe signal was not answered, the
 //! strobe may rise late. The acknowledge signal must then be checked once more directly before the strobe rises. No
-//! wait blocks the line: the acknowledge signal is read once in each cycle, and other exchanges use the rest of the
+//! wait blocks the bus line: the acknowledge signal is read once in each cycle, and other exchanges use the rest of the
 //! cycle.
 
 use std::time::Duration;
@@ -86,7 +86,8 @@ pub(super) enum AcknowledgeResult {
 }
 
 impl Strobe {
-    /// Creates the strobe signal at a start. `was_up` means that an interrupted task had raised it.
+    /// Creates the strobe at a start of the gateway. `was_up` means that an interrupted task had raised the strobe
+    /// signal.
     pub fn new(was_up: bool) -> Strobe {
         let level = if was_up { StrobeLevel::Up } else { StrobeLevel::Unknown };
         Strobe { level, ..Strobe::default() }
@@ -174,7 +175,7 @@ impl Strobe {
         Some(AcknowledgeResult::Missing(what))
     }
 
-    /// Records a failure. Returns true if it must be reported, because the last reported failure was a different one.
+    /// Records a failure. Returns true if it must be reported, because another failure, or none, was reported last.
     pub(super) fn fails(&mut self, fault: HandshakeFault) -> bool {
         self.reported.replace(fault) != Some(fault)
     }

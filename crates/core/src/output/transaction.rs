@@ -84,8 +84,9 @@ pub(super) struct Member {
 }
 
 impl Transaction {
-    /// Creates the state at a start. `was_in_order`: the previous run was stopped cleanly. If it was not, the control
-    /// has perhaps not taken the register values. The second result must be passed to the outputs of the output set.
+    /// Creates the state at a start of the gateway. `was_in_order`: the previous run was stopped cleanly. If it was
+    /// not, the control has perhaps not taken the register values. The second result must be passed to the outputs of
+    /// the output set.
     pub(super) fn new(
         taking: CommitTrigger,
         has_number: bool,
@@ -167,8 +168,8 @@ impl Transaction {
     }
 
     /// Records that these values were, or may have been, sent with this number. `is_done`: the device answered that it
-    /// has carried out the write. Returns the new result for the outputs of the output set, or `None` if it does not
-    /// change.
+    /// has carried out the write. Returns whether the control has taken the values, for the outputs of the output set.
+    /// `None` if that has not changed.
     pub(super) fn sends(
         &mut self,
         number: Option<u16>,
@@ -221,9 +222,9 @@ impl Transaction {
         (!held.is_empty() && !missing.is_empty()).then_some(sent)
     }
 
-    /// Returns the values that were sent, if the registers hold only a part of them and all can be sent once more.
-    /// `can_be` decides that for each output by index and value. A value can no longer be sent after another change, or
-    /// if its readings are too old.
+    /// Returns the values that were sent, if the registers hold only a part of them and all of these values can be sent
+    /// once more. `can_be` returns whether a value can be sent once more to the output with this index. A value can no
+    /// longer be sent after another change, or if its readings are too old.
     pub(super) fn demanded_again(
         &mut self,
         members: &[Member],

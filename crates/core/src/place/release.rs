@@ -9,7 +9,7 @@
 //! |---|---|
 //! | any | the base value |
 //! | [`Stage::Asked`] | the value that the operator has seen, or up to one step nearer to the base value |
-//! | [`Stage::Begun`] | the last verified value, or up to two steps nearer to the base value: one verified, one sent |
+//! | [`Stage::Begun`] | the last verified value, or up to two steps nearer to the base value: one step verified, one step sent |
 //!
 //! A release ends with the run of the gateway. The next run reports the register again, with the last verified value.
 
@@ -38,13 +38,13 @@ pub struct Bounds {
     pub obstacle: Option<Obstacle>,
 }
 
-/// Property of an output because of which the gateway cannot change its register alone.
+/// Property of an output that prevents a release: the gateway cannot change the register of the output alone.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Obstacle {
     /// The control accepts the value only together with the other values of its output set, or after a strobe.
     Set,
-    /// The value of the output is no offset.
+    /// The value of the output is not an offset.
     Writes,
     /// The value is not in a Modbus register.
     Address,
@@ -90,8 +90,8 @@ pub enum Stage {
     Begun,
 }
 
-/// Request of the operator to return a register that no longer belongs to an output to its base value (value without
-/// the gateway's offset), and the progress of that return.
+/// Release of a register that no longer belongs to an output, as the operator has requested it, and its progress. The
+/// release returns the register to its base value (the value without the gateway's offset).
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Release {

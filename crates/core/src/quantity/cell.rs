@@ -1,12 +1,12 @@
-//! Cell of a log as people and loggers write it: a number with a unit, with a blank after its sign, or with a Fortran
-//! exponent such as `2.0D+01`; or a word for a missing value.
+//! Cell of a log as people and loggers write it. A cell contains a number or a word for a missing value. The number may
+//! have a unit, a blank after its sign, or a Fortran exponent, for example `2.0D+01`.
 
 use std::borrow::Cow;
 
 /// Meaning of the text in one cell of a log.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Cell<'a> {
-    /// Finite number, and the unit that follows it in the cell. The unit is empty if the cell has none.
+    /// Finite number, and the unit that follows it in the cell. The unit is empty if the cell contains no unit.
     Number(f64, &'a str),
     /// No value: the cell is empty, or contains what programs write for an empty cell, such as `NaN` or `null`.
     Absent,
@@ -378,7 +378,7 @@ fn is_of_windows(text: &str) -> bool {
 }
 
 /// Separates a number from the unit after it. Removes blanks after its sign, and replaces the `D` of a Fortran exponent
-/// (`2.0D+01`) by `e`. `None` if the text is no number with a known unit.
+/// (`2.0D+01`) by `e`. `None` if the text is not a number with a known unit.
 pub(super) fn number_and_unit(text: &str) -> Option<(Cow<'_, str>, &str)> {
     let text = text.trim();
     let unsigned = text.strip_prefix(['+', '-', '−']).unwrap_or(text);

@@ -55,7 +55,7 @@ pub struct Dialect {
     first: Option<(DecimalMark, String)>,
     /// Whether a number of the file has both marks, so that one of them separates thousands.
     has_thousands: bool,
-    /// Whether the first rows leave open if a comma or point before three digits is a decimal mark.
+    /// Whether the first rows do not show if a comma or point before three digits is a decimal mark.
     is_unclear: bool,
     /// Order of day and month; `None` if it is not known.
     dates: Option<DateOrder>,
@@ -63,8 +63,8 @@ pub struct Dialect {
 }
 
 impl Dialect {
-    /// Detects the format from the header line. Comma, semicolon, tab or pipe separates the columns: the one that occurs
-    /// most often outside quotes. Commas are also common inside names.
+    /// Detects the format from the header line. Comma, semicolon, tab or pipe separates the columns: the character that
+    /// occurs most often outside quotes. Commas are also common inside names.
     #[must_use]
     pub fn of(header: &str, zone: Option<TimeZone>) -> Dialect {
         // Every other part is inside quotes.
@@ -116,8 +116,8 @@ impl Dialect {
     }
 
     /// Learns from the cells of the first rows, by column, whether a comma or point before three digits separates
-    /// thousands. In a column with `900` and `1.200`, it may do so, unless another number such as `20.5` shows the
-    /// decimal mark.
+    /// thousands. In a column with `900` and `1.200`, the point may separate thousands. If another number, for example
+    /// `20.5`, shows that the point is the decimal mark, then it does not.
     pub fn learn_marks<'a>(&mut self, rows: impl Iterator<Item = Vec<&'a str>>) {
         if self.separator == b',' || self.stated.is_some() {
             return;
@@ -157,8 +157,8 @@ impl Dialect {
     /// Writes a number with a decimal point and without separators of thousands. Any other text is returned unchanged.
     ///
     /// # Errors
-    /// Returns a message if the number can be read in two ways, or if it has another decimal mark than an earlier number
-    /// of the file.
+    /// Returns a message if the number can be read in two ways. Also if an earlier number of the file has another
+    /// decimal mark.
     pub fn number<'a>(&mut self, text: &'a str) -> Result<Cow<'a, str>, String> {
         if self.separator == b',' && self.stated.is_none() && !text.contains(',') {
             return Ok(Cow::Borrowed(text));
@@ -241,7 +241,7 @@ impl Dialect {
     /// Returns the meaning of a cell.
     ///
     /// # Errors
-    /// Those of [`Dialect::number`].
+    /// As [`Dialect::number`].
     pub fn cell<'a>(&mut self, text: &'a str) -> Result<Cell<'a>, String> {
         let text = text.trim();
         // Most cells of most logs are plain numbers.

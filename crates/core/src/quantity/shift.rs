@@ -8,7 +8,7 @@ use std::collections::VecDeque;
 
 use super::Moment;
 
-/// Difference between two clocks. Adding it to a time of one clock gives the time of the other.
+/// Difference between two clocks. Adding it to a time of one clock gives the time of the other clock.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Shift(i64);
 
@@ -19,12 +19,12 @@ impl Shift {
         Shift(i64::try_from(nanos).unwrap_or(if nanos < 0 { i64::MIN } else { i64::MAX }))
     }
 
-    /// Creates a shift from nanoseconds; positive is forward.
+    /// Creates a shift from nanoseconds. A positive shift gives later times.
     pub const fn from_nanos(nanos: i64) -> Shift {
         Shift(nanos)
     }
 
-    /// Returns the shift in nanoseconds; positive is forward.
+    /// Returns the shift in nanoseconds. A positive shift gives later times.
     pub const fn as_nanos(self) -> i64 {
         self.0
     }

@@ -32,20 +32,22 @@ pub fn parse(text: &str) -> Result<Moment, String> {
 /// # Errors
 /// Returns a sentence that says how to write the time.
 pub(super) fn parse_scaled(text: &str, power: i32) -> Result<Moment, String> {
-    let wrong = || format!("`{text}` is no time; write seconds or 2026-01-31T12:00:00Z");
+    let wrong = || format!("`{text}` is not a time; write seconds or 2026-01-31T12:00:00Z");
     seconds(text, power).ok_or_else(wrong)
 }
 
 fn stamp(text: &str) -> Result<Moment, String> {
     let stamp: jiff::Timestamp = text.parse().map_err(|_| {
-        format!("`{text}` is no time; write 2026-01-31T12:00:00Z, with Z or the offset from UTC at its end")
+        format!(
+            "`{text}` is not a time; write 2026-01-31T12:00:00Z, with Z or the offset from UTC at its end"
+        )
     })?;
     let nanos = u64::try_from(stamp.as_nanosecond());
     nanos.map(Moment::from_nanos).map_err(|_| format!("`{text}` lies before 1970"))
 }
 
 /// Parses seconds times a power of ten digit by digit, because a conversion through floating point would lose
-/// nanoseconds. `None` if the text is no such number, or the time is too late for a [`Moment`].
+/// nanoseconds. `None` if the text is not a number, or if the time is too late for a [`Moment`].
 fn seconds(text: &str, shift: i32) -> Option<Moment> {
     let (mantissa, exponent) = text.split_once(['e', 'E']).unwrap_or((text, "0"));
     let exponent: i32 = exponent.parse().ok()?;

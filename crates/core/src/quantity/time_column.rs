@@ -83,7 +83,7 @@ impl fmt::Display for TimeUnit {
     }
 }
 
-/// Smallest number of seconds since 1970 that is no date, because it lies after the year 5000.
+/// Smallest number that is not read as seconds since 1970, because the date would be after the year 5000.
 const NO_SECONDS: f64 = 1e11;
 
 fn seconds(number: &str) -> Result<Moment, String> {
@@ -101,7 +101,7 @@ fn seconds(number: &str) -> Result<Moment, String> {
 pub struct TimeColumns {
     /// Index of the column with the time.
     pub time: usize,
-    /// Index of a column with the date, for times without one.
+    /// Index of the column with the dates, if the times have no date; else `None`.
     pub date: Option<usize>,
     /// Unit of the times, if they are numbers.
     pub unit: TimeUnit,
@@ -277,7 +277,7 @@ fn by_name(names: &[String], known: &[&str]) -> Option<(usize, Stated)> {
 }
 
 /// Separates the name of a time column, in small letters, from the statement after it: `zeit [min]`, `time (sec)`,
-/// `timestamp_ms`, `time (utc)`, `date (dd/mm/yyyy)`. `None` if the statement is another unit.
+/// `timestamp_ms`, `time (utc)`, `date (dd/mm/yyyy)`. `None` if the text after the name is another unit.
 fn time_name(header: &str) -> Option<(&str, Stated)> {
     if let (name, Some(unit)) = name_and_unit(header) {
         return Some((name, Stated::Unit(TimeUnit::of(unit)?)));

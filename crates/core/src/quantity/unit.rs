@@ -12,7 +12,7 @@ pub enum Conversion {
     Same,
     /// From °F to °C.
     Fahrenheit,
-    /// From K to °C. Values up to 150 K are differences, which are the same in both.
+    /// From K to °C. Values up to 150 K are differences, which are the same in both units.
     Kelvin,
     /// Multiplication by a factor: mm to µm, or m/min to mm/min.
     Factor(f64),
@@ -61,8 +61,8 @@ impl Conversion {
     }
 }
 
-/// Returns the name of each column without the unit in its header, and the unit. The name stays whole if another column
-/// has the shorter name.
+/// Returns the name of each column without the unit in its header, and the unit. A name keeps its unit if another
+/// column has the same name without a unit.
 #[must_use]
 pub fn names_and_units(headers: &[String]) -> Vec<(String, String)> {
     let mut alike: HashMap<&str, usize> = HashMap::new();

@@ -9,8 +9,8 @@ use super::time_column::TimeUnit;
 
 const DAY: u64 = 24 * HOUR;
 const HOUR: u64 = 3_600_000_000_000;
-/// Longest time between two rows, by the wall clock, at which a logger counts as running without a pause. It shows
-/// whether the logger was off in the hour that occurs twice, when summer time ends.
+/// Longest time between two rows, by the wall clock, at which a logger counts as running without a pause. The
+/// conversion uses it to find out whether the logger was off in the hour that occurs twice, when summer time ends.
 const NEXT_ROW: SignedDuration = SignedDuration::from_secs(30 * 60);
 /// Day zero of spreadsheets. It is one day before 31 December 1899, because spreadsheets also count 29 February 1900,
 /// which did not exist.
@@ -28,7 +28,7 @@ pub enum DateOrder {
 /// Time that was read from a cell.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Read {
-    /// Date and time of an unknown zone.
+    /// Date and time in an unknown time zone.
     Date(DateTime),
     /// Date and time with AM or PM, whose month is taken to come first, as in the United States.
     Assumed(DateTime),
@@ -86,7 +86,7 @@ pub(super) fn midnight(text: &str, order: Option<DateOrder>) -> Option<Result<Da
     Some(parse_date(text, order, text)?.map(|date| date.to_datetime(Time::midnight())))
 }
 
-/// Returns the order of day and month in this date and time, if it has only one reading.
+/// Returns the order of day and month in this date and time, if the text can be read in only one way; else `None`.
 pub(super) fn order(text: &str) -> Option<DateOrder> {
     let date = text.trim().split([' ', ',']).next()?;
     let parts: Vec<&str> = date.split(['/', '-']).collect();
@@ -311,7 +311,7 @@ impl Clock {
 
 /// Returns the date and time of a count of days, as spreadsheets store them.
 pub(super) fn excel(number: &str, text: &str) -> Result<DateTime, String> {
-    let wrong = || format!("`{text}` is no date of a spreadsheet; write 2026-01-31 12:00:00");
+    let wrong = || format!("`{text}` is not a date of a spreadsheet; write 2026-01-31 12:00:00");
     let days: f64 = number.parse().map_err(|_| wrong())?;
     // From 1970 to 2200. A spreadsheet keeps fractions of a day to about a hundredth of a millisecond.
     if !(25_569.0..110_000.0).contains(&days) {
@@ -328,8 +328,8 @@ pub(super) fn excel(number: &str, text: &str) -> Result<DateTime, String> {
 pub(super) struct Wall {
     /// Number of midnights since the start of the log, for times without dates.
     days: u64,
-    /// Last time in the hour that occurs twice (end of summer time), if it was taken to be in the first of the two
-    /// hours.
+    /// Last time in the hour that occurs twice at the end of summer time. Set only if the time was taken to be in the
+    /// first of the two hours.
     first_pass: Option<DateTime>,
     /// Last date whose month was taken to come first.
     assumed: Option<Date>,
@@ -337,7 +337,7 @@ pub(super) struct Wall {
 
 impl Wall {
     /// Returns the moment of a time without a date. A new day begins if the time is more than twelve hours before the
-    /// last one.
+    /// last time.
     pub(super) fn of_day(&mut self, nanos: u64, last: Option<Moment>) -> Result<Moment, String> {
         let at = |days: u64| days.saturating_mul(DAY).saturating_add(nanos);
         if last.is_some_and(|last| last.as_nanos() > at(self.days).saturating_add(DAY / 2)) {

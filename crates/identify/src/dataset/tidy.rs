@@ -246,7 +246,7 @@ mod tests {
             ("time,sensor,value\n0,bed,20,5\n", "line 2: 4 cells under 3 column names"),
             ("time,sensor,value\n0,bed,20\n60,,21\n", "line 3: the name of the sensor is missing"),
             ("time,sensor,value\n0,bed,20\n60,bed,oops\n", "line 3, column bed: `oops` is no number"),
-            ("time,sensor,value\nnoon,bed,20\n", "line 2, column time: `noon` is no time"),
+            ("time,sensor,value\nnoon,bed,20\n", "line 2, column time: `noon` is not a time"),
             ("time,sensor,value\n", "there are no rows under the header"),
         ] {
             let said = read(log).unwrap_err().to_string();

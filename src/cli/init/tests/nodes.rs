@@ -113,7 +113,7 @@ fn a_wrong_answer_about_a_server_is_asked_for_again_with_the_reason() {
         "allowed: i8, u8",
         "the destination of Cz is a node of an OPC UA server",
         "write \"opc.tcp://cnc:4843\"",
-        "`discrete:0` is no node",
+        "`discrete:0` is not a node",
     ] {
         assert!(shown.contains(why), "{why}: {shown}");
     }

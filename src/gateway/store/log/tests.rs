@@ -146,7 +146,7 @@ fn what_cannot_be_read_is_named_with_its_place() {
         ),
         ("time,bed\n0,1\n5,warm\n", "line 3, column bed: `warm` is no number"),
         ("time,bed\r\n\r\n\r\n0,1\r\n5,warm", "line 5, column bed: `warm` is no number"),
-        ("time,bed\n0,1\nnoon,1\n", "line 3, column time: `noon` is no time"),
+        ("time,bed\n0,1\nnoon,1\n", "line 3, column time: `noon` is not a time"),
         ("time,bed\n,1\n", "line 2, column time: the time is missing"),
         ("time,bed,wheelhead\n0,1\n5,1,1\n", "line 2: the row has 2 cells, but the header has 3"),
         ("time,bed,z_permit\n0,1,maybe\n", "line 2, column z_permit: `maybe` is not one of off, armed"),

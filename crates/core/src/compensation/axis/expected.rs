@@ -1,5 +1,5 @@
-//! Expected error of the model in use, depending on the time since its datum (zero point) and since the last probing, and
-//! on the residuals of its last probings.
+//! Expected error of the model in use. It depends on the time since its datum (zero point), on the time since the last
+//! probing, and on the residuals of its last probings.
 
 use std::time::Duration;
 

@@ -1,5 +1,5 @@
-//! Probings of an axis. They are judged, correct the models, and can be discarded. With a new datum (zero point of Cz),
-//! the corrections start again.
+//! Probings of an axis. The axis checks each measured error and corrects its models with it, or discards all
+//! corrections on demand. With a new datum (zero point of Cz), the corrections start again from zero.
 
 use std::time::Duration;
 
@@ -90,7 +90,8 @@ impl Axis {
         at_datum && self.settings.datum != Datum::Zero
     }
 
-    /// Returns the result of a measured error for the model in use, without a change of the axis.
+    /// Returns the result that a probing with this measured error would have for the model in use. The axis does not
+    /// change.
     pub(in crate::compensation) fn assess(
         &self,
         snapshot: &Snapshot<'_>,
@@ -127,7 +128,8 @@ impl Axis {
         learned.assess(missing, model.parts(inputs), &settings, occasion).err().map(Refused::Doubted)
     }
 
-    /// Compares the error with and without compensation, for each model that has a value now and may be followed.
+    /// Compares the error with and without compensation, for each model that has a value now and that the axis may
+    /// follow.
     fn compare(
         &mut self,
         probed: &Probed,
@@ -174,8 +176,8 @@ impl Axis {
         Some((Touch { at: snapshot.now, without: without.get(), with: with.get() }, credit))
     }
 
-    /// Corrects each model that has a value now and may be followed. A model whose residual error is beyond `max_error`
-    /// is not corrected.
+    /// Corrects each model that has a value now and that the axis may follow. A model whose residual error is beyond
+    /// `max_error` is not corrected.
     fn learn(
         &mut self,
         probed: &Probed,

@@ -1,4 +1,4 @@
-//! Order of an axis's models, and changes of the preferred one. Cz does not move at a change.
+//! Order of an axis's models, and changes of the preferred model. At such a change, the Cz of the axis stays the same.
 
 use super::Axis;
 use super::model_choice::ModelChoice;
@@ -38,7 +38,7 @@ impl Axis {
         !self.is_slot(place) || self.preference.is_learned()
     }
 
-    /// Returns whether this is the learned model.
+    /// Returns whether this is the slot: the model of the axis whose gains are learned.
     pub(super) fn is_slot(&self, place: usize) -> bool {
         self.settings.learned.as_ref().is_some_and(|slot| slot.model == place)
     }
@@ -171,7 +171,7 @@ impl Axis {
     }
 
     /// Returns the Cz that the new model must request, µm. `None` while the envelope or a stand-in of the model in use
-    /// decides about Cz, because the new model has neither.
+    /// decides about Cz, because they do not apply to the new model.
     fn cz_to_keep(&self, before: &ModelChoice, permit: Permit) -> Option<f64> {
         if self.kept_outside || before.stood_in.is_some() {
             return None;

@@ -16,8 +16,9 @@ pub(in crate::compensation) struct ModelWatch {
     /// Signals that the model reads.
     reads: Vec<SignalId>,
     pub(in crate::compensation) watch: Option<Watch>,
-    /// Substitutes for readings: those of the model's own watch (sensor check), and those for sensors that the watch of
-    /// another model has found lost. The capacity is sufficient for the sensors of all watches.
+    /// Substitutes for the readings of two kinds of sensors. The first are rejected by the model's own watch (sensor
+    /// check). The others were found lost by the watch of another model. The list has room for the sensors of all
+    /// watches.
     substitutions: Vec<Substitution>,
 }
 
@@ -80,9 +81,9 @@ impl Axis {
         self.present();
     }
 
-    /// Collects the substitutes for each model: those of its own watch (sensor check), and one without a value for each
-    /// sensor that the watch of another model has found lost. A watch decides about a frozen sensor for its own model
-    /// only.
+    /// Collects the substitutes for each model. The model's own watch (sensor check) gives the substitutes for its
+    /// rejected sensors. A sensor that only the watch of another model has found lost gets a substitute without a
+    /// value. A watch decides about a frozen sensor for its own model only.
     fn present(&mut self) {
         for place in 0..self.watched.len() {
             let mut substitution = std::mem::take(&mut self.watched[place].substitutions);
@@ -136,7 +137,7 @@ impl Axis {
         settings.zip(watch).into_iter().flat_map(|(settings, watch)| watch.rejected(settings))
     }
 
-    /// Returns the rejected sensors of the axis, each once. Those of the model in use come first, then those of the
+    /// Returns the rejected sensors of the axis, each once. Sensors of the model in use come first, then sensors of the
     /// other models in order. If the model in use has no stand-in for a sensor, the sensor is returned without a
     /// stand-in.
     pub(in crate::compensation) fn rejected(&self) -> impl Iterator<Item = RejectedSensor> {

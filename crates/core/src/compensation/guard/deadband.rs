@@ -2,8 +2,8 @@
 
 use crate::quantity::Micron;
 
-/// Returns whether a change is smaller than the deadband, so that it is not made. Small changes add up, because the
-/// next change is measured from the same value.
+/// Returns whether a change is smaller than the deadband and is therefore not made. Small changes still add up, because
+/// the next change is measured from the same value.
 pub(super) fn suppresses(change: Micron, deadband: Micron) -> bool {
     change != Micron::ZERO && change.abs() < deadband
 }

@@ -9,7 +9,7 @@ use crate::compensation::substitution::Substitution;
 use crate::quantity::Micron;
 use crate::reading::{Reading, SignalId};
 
-/// Elapsed time with which every lag is calculated as settled: the lagged temperature equals the reading.
+/// Elapsed time after which every lag counts as settled: the lagged temperature equals the reading.
 const SETTLED: Duration = Duration::from_hours(100 * 7 * 24);
 
 /// Contribution of one signal to the Cz of a model.
@@ -23,7 +23,7 @@ pub struct Contribution {
 
 impl Model {
     /// Returns the contributions of the signals, the largest first. The contribution of a signal is the change of Cz if
-    /// only this signal changes from its reference to its present value, after all lags have settled. A stand-in counts
+    /// only this signal changes from its reference to its present value. All lags count as settled. A stand-in counts
     /// as the present value.
     ///
     /// A formula has no references: its signals count from their values at machine start, or from zero. Returns an

@@ -21,8 +21,8 @@ use crate::reading::SignalId;
 /// Maximum number of inputs of an envelope. It is limited because a step stores them in an array of fixed size.
 pub const MOST: usize = 64;
 
-/// Excess below which the inputs count as clearly inside: each by a twentieth of its range, and their Mahalanobis
-/// distance by a twentieth of the largest distance inside.
+/// Excess below which the inputs count as clearly inside. Each input is then inside by at least 5 % of its range, and
+/// the Mahalanobis distance is at most 95 % of the largest distance inside.
 pub const CLEARLY_INSIDE: f64 = -0.05;
 
 /// Excess above which a difference between the model's two halves reduces the value. Over the next `WIDTH` of excess,
@@ -58,7 +58,7 @@ pub struct Identified {
 }
 
 impl Identified {
-    /// Returns the distance of the input's value `rise` from the range, as a share of the range's width; negative
+    /// Returns the distance of the input's value `rise` from the range, as a fraction of the range's width; negative
     /// inside.
     fn beyond(&self, rise: f64) -> f64 {
         let (min, max) = self.range;
@@ -207,8 +207,9 @@ impl Envelope {
         Ok(self.assess(&rises))
     }
 
-    /// Returns the distance of this signal from its range, as a share of the range's width; negative inside. If several
-    /// inputs have the signal, the largest distance is returned. `None` if no input has it, or its rise is unknown.
+    /// Returns the distance of this signal from its range, as a fraction of the range's width; negative inside. If
+    /// several inputs have the signal, the largest distance is returned. `None` if no input has the signal, or its rise
+    /// is unknown.
     pub(in crate::compensation) fn beyond_range(&self, signal: SignalId, inputs: &Inputs<'_>) -> Option<f64> {
         let known = self.inputs.iter().filter(|known| known.input.signal == signal);
         let shares =
@@ -216,8 +217,9 @@ impl Envelope {
         shares.reduce(f64::max)
     }
 
-    /// Returns the distance of this rise of an input from its range, as a share of the range's width. The rise may be
-    /// lagged, because a lag stays in the range of its input. `None` if the envelope does not contain the input.
+    /// Returns the distance of this rise of an input from its range, as a fraction of the range's width. The rise may
+    /// be lagged, because a lagged value stays in the range of its input. `None` if the envelope does not contain the
+    /// input.
     pub(in crate::compensation) fn rise_beyond_range(&self, input: &Input, rise: f64) -> Option<f64> {
         let is_same = |known: &&Identified| {
             known.input.signal == input.signal
@@ -268,8 +270,8 @@ impl Envelope {
     }
 }
 
-/// Returns the share of a model's Cz `x` that is used at this excess if its two halves (the models whose mean it is)
-/// differ by `apart`, both in µm. The share is 1 if both are zero.
+/// Returns the fraction of a model's Cz `x`, µm, that is used at this excess. `apart`: difference of Cz between the two
+/// halves (the models whose mean is this model), µm. If `x` and `apart` are zero, the fraction is 1.
 pub(in crate::compensation) fn agreed(excess: f64, x: f64, apart: f64) -> f64 {
     let counts = ((excess - BEGINS) / WIDTH).clamp(0.0, 1.0) * apart;
     let share = 1.0 / (1.0 + (counts / x).powi(2));

@@ -21,8 +21,8 @@ pub trait Evaluate {
         Rises::default()
     }
 
-    /// Returns the position of the machine relative to bounds that this kind of model has itself, such as the ends of a
-    /// guideway. `None` if the kind of model has no bounds.
+    /// Returns the position of the machine relative to bounds that this kind of model has itself, for example the ends
+    /// of a guideway. `None` if the kind of model has no bounds.
     fn coverage(&self, _: &Snapshot<'_>) -> Option<Coverage> {
         None
     }

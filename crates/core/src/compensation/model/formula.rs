@@ -28,7 +28,7 @@ pub struct Expression {
 pub enum Symbol {
     /// The value of a signal.
     Signal(SignalId),
-    /// Number that the name stands for, such as a constant of the model.
+    /// Number that the name stands for, for example a constant of the model.
     Constant(f64),
     /// Time since machine start in seconds.
     Time,

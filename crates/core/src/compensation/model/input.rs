@@ -14,11 +14,11 @@ use crate::reading::SignalId;
 pub struct Input {
     /// Signal of the input: a temperature. For a matrix, a network or an envelope it may also be a position or a speed.
     pub signal: SignalId,
-    /// Reference that is subtracted from the signal. The rise is the signal's value itself if the reference is the
-    /// number 0.
+    /// Reference that is subtracted from the signal. The difference is called the rise. With the fixed reference 0, the
+    /// rise is the signal's value.
     pub reference: Reference,
-    /// Time constant C of the first-order lag, above zero. `None` if the rise acts at once, which is always so in an
-    /// envelope.
+    /// Time constant C of the first-order lag, above zero. `None` if the input has no lag. Inputs of an envelope never
+    /// have a lag.
     pub lag: Option<TimeConstant>,
     /// Whether the input is the square of the value minus the square of the reference. The lag then applies to the
     /// squares.
@@ -34,7 +34,7 @@ pub struct Inputs<'a> {
     pub machine: &'a Machine,
     /// Lag of each input of [`Model::rises`](super::Model::rises), in the same order.
     pub lags: &'a [Lag],
-    /// Whether the control itself multiplies the slope by the distance, and gets Cz and slope separately.
+    /// Whether the control receives Cz and slope separately, and itself multiplies the slope by the distance.
     pub splits_slope: bool,
 }
 
@@ -93,8 +93,8 @@ impl Input {
         if self.squared { squared(value, reference) } else { Ok((value, reference)) }
     }
 
-    /// Returns value and reference of a signal whose reading this substitute replaces; `None` if the substitute cannot
-    /// give both.
+    /// Returns value and reference of a signal whose reading this substitute replaces; `None` if the substitute does
+    /// not have both.
     fn level_of(&self, substitution: &Substitution, machine: &Machine) -> Option<(f64, CapturedReference)> {
         let SubstituteSource::Predictors { value, rise } = substitution.source else { return None };
         let captured = machine.captured(self.reference, self.signal);

@@ -48,10 +48,10 @@ impl TimeConstant {
         self.span
     }
 
-    /// Returns this time as a share of the time constant. The conversion uses a signed number, because processors have
-    /// an instruction for it.
+    /// Returns a time in nanoseconds divided by the time constant. The conversion uses a signed number, because
+    /// processors have an instruction for it.
     #[inline]
-    #[allow(clippy::cast_precision_loss, reason = "a double is precise enough for a share")]
+    #[allow(clippy::cast_precision_loss, reason = "a 64-bit float is precise enough for this quotient")]
     fn share(self, nanoseconds: u64) -> f64 {
         i64::try_from(nanoseconds).unwrap_or(i64::MAX) as f64 * self.per_nanosecond
     }
@@ -174,8 +174,8 @@ impl Lag {
         self.lagged.as_ref().and_then(Lagged::rise)
     }
 
-    /// Returns the lagged rise if the lag has already been updated with this snapshot; else `None`. In every step, the
-    /// lag is updated before.
+    /// Returns the lagged rise if the lag has already been updated with this snapshot; else `None`. Each step updates
+    /// the lags before it evaluates the models.
     #[inline]
     pub(super) fn risen(&self, snapshot: &Snapshot<'_>) -> Option<Celsius> {
         self.lagged.as_ref().filter(|_| self.is_abreast && snapshot.is_followed)?.rise()
@@ -191,8 +191,8 @@ impl Lagged {
         [self.input, self.follower, self.from].iter().all(|value| value.is_finite())
     }
 
-    /// Returns the state with its time moved back by `span`, in which the gateway did not run. The next update then
-    /// includes this pause.
+    /// Returns the temperatures with their time moved back by `span`, the time in which the gateway did not run. The
+    /// next update then includes this time.
     pub(in crate::compensation) fn away(self, span: Duration) -> Lagged {
         Lagged { at: self.at.before(span), ..self }
     }
@@ -246,13 +246,13 @@ impl Lagged {
     }
 }
 
-/// Share of a time constant below which a polynomial replaces the exponential function. The polynomial has full double
-/// precision there, and is several times as fast.
+/// Fraction of a time constant below which a polynomial replaces the exponential function. The polynomial has full
+/// double precision there, and is several times as fast.
 const SHORT: f64 = 1.0 / 32.0;
 
-/// Returns the change of y in a time that is the share x of the time constant: `(1 − e^−x)·behind + (1 − (1 −
-/// e^−x)/x)·moved`. At the start of this time, the input was greater than y by `behind`. Since then it has changed by
-/// `moved` along a straight line.
+/// Returns the change of the lagged temperature y in x = `share` time constants:
+/// `(1 − e^−x)·behind + (1 − (1 − e^−x)/x)·moved`. At the start of this time, the input was greater than y by `behind`.
+/// Since then the input has changed by `moved` along a straight line.
 #[inline(never)]
 fn long(share: f64, behind: f64, moved: f64) -> f64 {
     // Computes 1 − e^−x without the loss of digits for a small x.
@@ -260,8 +260,8 @@ fn long(share: f64, behind: f64, moved: f64) -> f64 {
     gone * behind + (1.0 - gone / share) * moved
 }
 
-/// Returns the change of y as [`long`] does, for a share x below [`SHORT`]. With `p = (x − 1 + e^−x)/x²`, the two
-/// factors are `x·(1 − x·p)` and `x·p`. In this form, few operations have to wait for each other's results.
+/// Returns the change of y as [`long`] does, for x below [`SHORT`]. With `p = (x − 1 + e^−x)/x²`, the two factors are
+/// `x·(1 − x·p)` and `x·p`. In this form, few operations have to wait for each other's results.
 #[inline]
 fn short(share: f64, behind: f64, moved: f64) -> f64 {
     let straight = share * behind;

@@ -36,12 +36,12 @@ pub struct Slope {
 }
 
 impl Linear {
-    /// Returns the inputs of the terms, those of the slope last, in the order of their [`Lag`]s.
+    /// Returns the inputs of the terms, then the inputs of the slope's terms, in the order of their [`Lag`]s.
     pub fn rises(&self) -> impl Iterator<Item = &Input> {
         self.lagging().into_iter()
     }
 
-    /// Returns the gains of the terms in µm/°C, then those of the slope in µm/mm/°C.
+    /// Returns the gains of the terms in µm/°C, then the gains of the slope's terms in µm/mm/°C.
     pub fn gains(&self) -> impl Iterator<Item = f64> {
         let slope = self.slope.iter().flat_map(|slope| &slope.terms);
         self.terms.iter().map(|term| term.gain.get()).chain(slope.map(|term| term.gain.get()))

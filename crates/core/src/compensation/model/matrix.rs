@@ -114,8 +114,8 @@ impl Evaluate for Matrix {
         Rises { inputs: &self.inputs, ..Rises::default() }
     }
 
-    /// Returns whether the axis is between the ends of the guideway or beyond one, and how far; `None` if its position
-    /// is unknown.
+    /// Returns whether the axis is between the ends of the guideway or beyond an end, and by how much; `None` if its
+    /// position is unknown.
     fn coverage(&self, snapshot: &Snapshot<'_>) -> Option<Coverage> {
         let position = snapshot.value(self.position)?;
         let (first, last) = (self.ends().0.get(), self.ends().1.get());

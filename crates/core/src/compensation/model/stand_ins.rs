@@ -38,13 +38,13 @@ pub struct Described {
     pub terms: Vec<(Input, f64)>,
 }
 
-/// Faults of a sensor in which its stand-in replaces the reading.
+/// Faults of a sensor for which its stand-in replaces the reading.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Replaces {
     /// No fault, because the prediction depends on a single other sensor.
     Nothing,
-    /// The sensor is frozen. For a lost sensor, a model without the sensor is better, because a stand-in may then be
-    /// used for days. The stand-in of a frozen sensor starts from its last reading, and replaces a wrong value.
+    /// The sensor is frozen. A lost sensor is not replaced: it may be lost for days, and a model without the sensor is
+    /// then better. The stand-in of a frozen sensor starts from its last reading, and replaces a wrong value.
     Frozen,
     /// The sensor is frozen or lost.
     FrozenOrLost,

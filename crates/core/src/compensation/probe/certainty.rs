@@ -1,8 +1,8 @@
 //! Certainty of a model's correction, and the weight that it gives to a new probing.
 //!
 //! The right correction drifts. Between two probings the variance P of the correction grows by q for each hour, from 0
-//! at the datum (zero point of Cz). A probing has its own variance σ². The share K of its residual r that is added to
-//! the correction depends on both variances:
+//! at the datum (zero point of Cz). A probing has its own variance σ². The fraction K of its residual r that is added
+//! to the correction depends on both variances:
 //!
 //! ```text
 //! P += q·Δt        K = P / (P + σ²)        correction += K·r        P *= 1 − K
@@ -56,7 +56,7 @@ impl Certainty {
     }
 
     /// Returns the certainty of a saved correction under these settings. It is unknown after probings with a fixed
-    /// share, and in a state of an older program version. Then the correction may have any value within its limit.
+    /// factor, and in a state of an older program version. Then the correction may have any value within its limit.
     pub(super) fn under(self, settings: &ProbeSettings) -> Certainty {
         let is_counted = self.variance.map_or(self.touched.is_none(), f64::is_finite);
         let half = 0.5 * settings.limit.get();
@@ -96,12 +96,12 @@ impl Certainty {
         Err(Micron::new(most).unwrap_or_default())
     }
 
-    /// Stores a residual that is not accepted, until another one agrees with it.
+    /// Stores a residual that is not accepted, until another residual agrees with it.
     pub(super) fn doubt(&mut self, residual: f64) {
         self.doubted = Some(residual);
     }
 
-    /// Updates the certainty with an accepted residual. Returns the share of the residual that is added to the
+    /// Updates the certainty with an accepted residual. Returns the fraction of the residual that is added to the
     /// correction.
     pub(super) fn learn(&mut self, residual: f64, filter: Filter, occasion: Occasion) -> f64 {
         let (share, variance) = match filter {

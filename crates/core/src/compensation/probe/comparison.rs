@@ -78,7 +78,8 @@ enum Verdict {
     /// The touches do not show that the model is worse than no compensation.
     #[default]
     NotWorse,
-    /// The touches have shown that the model is worse than no compensation, and later ones have not shown the opposite.
+    /// The touches have shown that the model is worse than no compensation, and later touches have not shown the
+    /// opposite.
     Worse,
 }
 
@@ -87,7 +88,7 @@ enum Verdict {
 pub(in crate::compensation) struct Comparison {
     /// Touches of the comparison, oldest first.
     touches: Vec<Touch>,
-    /// Touch that was not accepted and waits for the next one; `None` if none waits.
+    /// Touch that was not accepted and waits for the next touch; `None` if no touch waits.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     waiting: Option<Touch>,
     verdict: Verdict,

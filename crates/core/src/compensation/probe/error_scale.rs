@@ -20,7 +20,7 @@ const KEPT: usize = 24;
 /// Weight of the error that was identified at commissioning, as a number of touches (probings).
 const COMMISSIONED: f64 = 8.0;
 
-/// Residuals of the last touches, each as its square in units of the expected variance.
+/// Residuals of the last touches, each as its square divided by the expected variance.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(transparent)]
 pub struct ErrorScale {

@@ -27,7 +27,7 @@ pub(in crate::compensation) struct Learned {
     /// Earliest time at which a running capture of a reference of the model is complete; `None` if no capture is
     /// running.
     pub(super) renews: Option<Moment>,
-    /// Comparison of the model with no compensation, from the last probings.
+    /// Comparison between the model and no compensation, from the last probings.
     #[serde(default, skip_serializing_if = "Comparison::is_empty")]
     pub(super) comparison: Comparison,
     /// Scale of the expected error of the model, from the last probings.
@@ -159,8 +159,8 @@ impl Learned {
         }
     }
 
-    /// Returns the correction of another model that becomes the preferred model instead of this model. The offset keeps
-    /// Cz at the change, and the certainty is taken over from this correction. The comparison and the scale of the
+    /// Returns the correction for another model, which replaces this model as the preferred model. The offset keeps Cz
+    /// at the change, and the certainty is taken over from this correction. The comparison and the scale of the
     /// expected error start again.
     #[must_use]
     pub(in crate::compensation) fn moved_to(
@@ -189,7 +189,8 @@ impl Learned {
         self.comparison.take(touch, credit, settings.scatter());
     }
 
-    /// Returns the comparison with no compensation if the model is worse; `None` if the model is not worse.
+    /// Returns the comparison between the model and no compensation if the model is worse than no compensation; else
+    /// `None`.
     pub(in crate::compensation) fn worse(&self) -> Option<Worse> {
         self.comparison.worse()
     }

@@ -19,7 +19,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::quantity::{Moment, Shift, Shifted, shifted, time};
 
-/// Number of reports that are stored for each axis: two and a half days with one in each hour.
+/// Number of reports that are stored for each axis: two and a half days with one report in each hour.
 const KEPT: usize = 64;
 /// Time within which an equal error counts as the same measurement, if the new report has neither `id` nor `time`.
 const REPEATED_WITHIN: Duration = Duration::from_secs(10);
@@ -35,9 +35,9 @@ const LONGEST_ID: usize = 64;
 pub struct MeasuredReport {
     /// Measured error: actual minus commanded position while the compensation acts, µm.
     pub error_um: f64,
-    /// Wall-clock time of the measurement; `None` if the report has none.
+    /// Wall-clock time of the measurement; `None` if the report states no time.
     pub time: Option<Moment>,
-    /// Name that the sender has given to this measurement; `None` if the report has none.
+    /// Name that the sender has given to this measurement; `None` if the report states no name.
     pub id: Option<String>,
     /// Whether the MQTT broker has marked this report as delivered a second time.
     pub redelivered: bool,
@@ -259,7 +259,7 @@ impl TakenReports {
 }
 
 impl TakenReport {
-    /// Returns whether a report that arrives at `now` is about the same measurement.
+    /// Returns whether a report that arrives at `now` is about the same measurement as this stored report.
     fn is_same(&self, report: &MeasuredReport, now: Moment) -> bool {
         let is_equal = (self.error_um - report.error_um).abs() < EQUAL_WITHIN;
         let has_same_id = report.id.is_some() && self.id == report.id;

@@ -13,12 +13,12 @@ use crate::quantity::{Moment, shifted};
 /// Number of time constants after which the start value of a lag has a weight of less than a hundredth. A lag that
 /// began on a warm machine is then settled.
 const FORGOTTEN: u32 = 5;
-/// Tolerated distance of a predictor from its range, as a share of the range's width. It is larger than one count of a
-/// sensor and the rounding of a file.
+/// Tolerated distance of a predictor from its range, as a fraction of the range's width. It is larger than one count of
+/// a sensor and the rounding of a file.
 pub(super) const EDGE: f64 = 0.01;
-/// Tolerated distance of a predicted sensor, or of the rise of a lagged predictor, from its range, as a share of the
-/// range's width. It is large because a slow lag returns long after its sensor. It also applies to the predictors of a
-/// prediction that only serves as the start value of later comparisons.
+/// Tolerated distance from the range, as a fraction of the range's width, of a predicted sensor and of the rise of a
+/// lagged predictor. It is large because a slow lag returns long after its sensor. It also applies to the predictors of
+/// a prediction that only serves as the start value of later comparisons.
 pub(super) const FAR: f64 = 0.10;
 
 /// State of one input of the predictions.
@@ -85,8 +85,9 @@ impl BankInput {
         (if is_own { &mut self.own } else { &mut self.lent }).take(rise.get());
     }
 
-    /// Updates `beyond`. It becomes true if the input is beyond its range in the model's envelope, or its rise in this
-    /// minute is far beyond. It becomes false when both are inside.
+    /// Updates `beyond`. It becomes true if the input is beyond its range in the model's envelope. It also becomes true
+    /// if the rise in this minute is beyond this range by more than [`FAR`]. It becomes false when the input and its
+    /// rise are inside.
     pub(super) fn check_bank_range(
         &mut self,
         predictor: &Predictor,
@@ -99,13 +100,14 @@ impl BankInput {
         self.beyond = is_beyond || late.is_some_and(|late| late > FAR);
     }
 
-    /// Returns whether neither the input nor its rise in this minute is far beyond its range.
+    /// Returns whether the input and its rise in this minute are both inside the range, or beyond it by at most
+    /// [`FAR`]. An unknown value counts as inside.
     pub(super) fn is_near(&self, predictor: &Predictor, envelope: &Envelope, inputs: &Inputs<'_>) -> bool {
         let (now, late) = self.beyond_range(predictor, envelope, inputs);
         now.into_iter().chain(late).all(|share| share <= FAR)
     }
 
-    /// Returns the distances of the input, and of its rise in this minute, from the range, as shares of the range's
+    /// Returns the distances of the input, and of its rise in this minute, from the range, as fractions of the range's
     /// width. `None` if a distance is unknown.
     fn beyond_range(
         &self,

@@ -22,7 +22,7 @@ const BRIDGED: Duration = Duration::from_secs(10 * 60);
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(super) struct Sensor {
     standing: SensorState,
-    /// Last good reading, from the time `read`.
+    /// Last good reading. `read` is the time of this reading.
     reading: Option<f64>,
     read: Moment,
     /// Time at which the reading last changed.
@@ -97,7 +97,7 @@ pub(super) enum Prediction {
     /// At least one predictor had no value.
     Missing,
     /// A predictor is beyond the range on which the model was identified, or the sensor is far beyond its range.
-    /// Contains the predicted rise if neither the sensor nor a predictor is far beyond its range.
+    /// Contains the predicted rise if the sensor and all predictors are inside their ranges, or only slightly beyond.
     Outside(Option<f64>),
 }
 

@@ -180,9 +180,9 @@ fn what_is_no_time_of_the_zone_says_what_to_write() {
         ),
         ("01/05/2026 06:00:00", "day and month are ambiguous"),
         ("05.01.26 06:00:10", "write four digits"),
-        ("31.02.2026 06:00:10", "`31.02.2026 06:00:10` is no time"),
-        ("05.01.2026 25:00:10", "is no time"),
-        ("05.01.2026 6 Uhr: frueh", "is no time"),
+        ("31.02.2026 06:00:10", "`31.02.2026 06:00:10` is not a time"),
+        ("05.01.2026 25:00:10", "is not a time"),
+        ("05.01.2026 6 Uhr: frueh", "is not a time"),
     ] {
         let said = german().moment(text, None).unwrap_err();
         assert!(said.contains(says), "{text}: {said}");

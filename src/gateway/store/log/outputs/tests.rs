@@ -300,7 +300,7 @@ fn what_cannot_be_read_is_reported_with_its_line_and_its_column() {
         (",120,", ",,", "day, line 3, column value: `read` needs a value, but has none"),
         (",read,", ",reed,", "day, line 3, column fact: `reed` is unknown"),
         (",nothing,", ",rest,", "day, line 3, column action: `rest` is unknown"),
-        ("2026-01-05T12:00:00Z,cnc", "noon,cnc", "day, line 3, column time: `noon` is no time"),
+        ("2026-01-05T12:00:00Z,cnc", "noon,cnc", "day, line 3, column time: `noon` is not a time"),
         (",nothing,,,", ",nothing", "day, line 3: the row has 6 cells, but the header has 9 column names"),
         (",read,", ",begin,", "day, line 3, column detail: "),
     ] {

@@ -224,7 +224,7 @@ impl<'a> Parser<'a> {
                 Operation::Binary(if name == "min" { Binary::Min } else { Binary::Max })
             }
             _ => {
-                let message = format!("`{name}` is no function; there are abs, exp, ln, sqrt, min, max");
+                let message = format!("`{name}` is not a function; allowed: abs, exp, ln, sqrt, min, max");
                 return Err(ExpressionError { at, message });
             }
         };

@@ -19,11 +19,11 @@ pub struct Layer {
     pub weights: Vec<Vec<f64>>,
     /// Bias of each neuron.
     pub bias: Vec<f64>,
-    /// Function that each neuron applies to its sum.
+    /// Function that each neuron applies to the weighted sum of its inputs.
     pub activation: Activation,
 }
 
-/// Function that a neuron applies to its sum.
+/// Function that a neuron applies to the weighted sum of its inputs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Activation {
@@ -51,8 +51,8 @@ impl Layers {
     /// the last neuron's y into Cz = mean + scale · y.
     ///
     /// # Errors
-    /// Returns a message if layers do not fit each other, if the last has not exactly one neuron, or if a number is not
-    /// finite.
+    /// Returns a message if the sizes of two layers do not fit, or if a number is not finite. Also if the last layer
+    /// does not have exactly one neuron.
     pub fn new(scaling: Scaling, layers: Vec<Layer>, output: (f64, f64)) -> Result<Layers, String> {
         let mut width = scaling.count();
         for (place, layer) in layers.iter().enumerate() {

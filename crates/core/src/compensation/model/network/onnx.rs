@@ -48,10 +48,10 @@ impl Graph {
 }
 
 impl Onnx {
-    /// Loads an ONNX file that contains all its numbers. See [`Onnx::with_external`].
+    /// Loads an ONNX file that contains the numbers of all its tensors. See [`Onnx::with_external`].
     ///
     /// # Errors
-    /// Those of [`Onnx::with_external`].
+    /// As [`Onnx::with_external`].
     pub fn new(bytes: impl AsRef<[u8]>, inputs: usize) -> Result<Onnx, String> {
         Onnx::with_external(bytes.as_ref(), &ExternalFiles::new(), inputs)
     }
@@ -146,7 +146,7 @@ impl Onnx {
             .map_err(|why| format!("the network cannot be computed: {why}"))?;
         let [value] = &values;
         let view: TensorView<'_, f32> =
-            value.try_into().map_err(|why| format!("the output of the network is no number: {why}"))?;
+            value.try_into().map_err(|why| format!("the output of the network is not a number: {why}"))?;
         Ok(view.to_vec())
     }
 }
@@ -165,8 +165,8 @@ fn caught<T>(run: impl FnOnce() -> T) -> Result<T, String> {
     beyond(run).map_err(|_| "the ONNX runtime failed on this network: export the network again".to_owned())
 }
 
-/// Returns the number of inputs of the network, and whether the input tensor has only one dimension, without one for
-/// the row. `inputs` is the number for a size that the file leaves open.
+/// Returns the number of inputs of the network, and whether the input tensor has only one dimension (no dimension for
+/// rows). `inputs` is the number of inputs of the model, for a file that leaves the size open.
 fn row(shape: Option<Vec<Dimension>>, inputs: usize, name: &str) -> Result<(usize, bool), String> {
     let size = |dimension: &Dimension| match dimension {
         Dimension::Fixed(size) => *size,

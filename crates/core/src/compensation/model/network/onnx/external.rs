@@ -12,7 +12,7 @@ pub type ExternalFiles = BTreeMap<String, Vec<u8>>;
 /// Maximum number of files next to an ONNX file.
 const MOST_FILES: usize = 64;
 
-/// Place of the numbers of one tensor.
+/// Location of the numbers of one tensor: the file, and the bytes in it.
 struct Place<'a> {
     tensor: &'a str,
     /// Name of the file as [`inside`] returns it.
@@ -60,7 +60,8 @@ impl<'a> External<'a> {
         External { files, left: files.values().fold(0, |all, file| all.saturating_add(file.len() as u64)) }
     }
 
-    /// Returns the tensor with its numbers inside. A tensor without external data is returned unchanged.
+    /// Returns the tensor with its numbers copied from the other file. A tensor without external data is returned
+    /// unchanged.
     ///
     /// # Errors
     /// Returns a message if the numbers are missing.
@@ -77,8 +78,8 @@ impl<'a> External<'a> {
         };
         let Some(numbers) = place.slice(bytes) else {
             return Err(format!(
-                "tensor `{name}` is beyond the end of {file}, which has {} bytes: the file is incomplete, or of \
-                 another export. Export the network again",
+                "tensor `{name}` is beyond the end of {file}, which has {} bytes: the file is incomplete, or belongs \
+                 to another export. Export the network again",
                 bytes.len()
             ));
         };
@@ -111,10 +112,10 @@ pub(super) fn is_external(tensor: &[u8]) -> bool {
     Fields(tensor).flatten().any(|found| matches!(found, (14, Field::Number(1))))
 }
 
-/// Reads where the numbers of a tensor are.
+/// Reads the location of a tensor's external numbers.
 ///
 /// # Errors
-/// Returns a message if the place is incomplete, or not below the directory of the ONNX file.
+/// Returns a message if the location is incomplete, or outside the directory of the ONNX file.
 fn place(tensor: &[u8]) -> Result<Place<'_>, String> {
     let name = last_text(tensor, 8);
     let entry = |key: &str| {

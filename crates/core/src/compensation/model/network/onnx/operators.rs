@@ -1,8 +1,8 @@
-//! Operators of the runtime that a network may have.
+//! Operators of the ONNX runtime that a network may use.
 
 use rten::{OpRegistry, op_types};
 
-/// Defines the operators of the runtime that a network may have, and their names.
+/// Defines the operators of the ONNX runtime that a network may use, and the list of their names.
 macro_rules! operators {
     ($($name:ident)*) => {
         /// Names of the supported operators.

@@ -27,8 +27,8 @@ const SMOOTH: &str = "for example, fit `MLPRegressor` or `Ridge` of scikit-learn
 /// ONNX file in a form that the runtime can compute.
 pub(super) struct Rewritten {
     pub(super) bytes: Vec<u8>,
-    /// Names of the input tensors of one number each that one input tensor replaces. Empty if the file has one input
-    /// tensor.
+    /// Names of the file's input tensors, if it has several input tensors of one number each. One input tensor then
+    /// replaces them. Empty if the file has one input tensor.
     pub(super) columns: Vec<String>,
 }
 
@@ -98,7 +98,7 @@ fn inputs(graph: &[u8]) -> Vec<&[u8]> {
     parts(graph, 11).filter(|input| !given.contains(last_text(input, 1))).collect()
 }
 
-/// Kinds of floating-point numbers by their numbers in the file: single, half and double precision, and bfloat16.
+/// Kinds of floating-point numbers, by their codes in the file: single, half and double precision, and bfloat16.
 const FLOATS: [u64; 4] = [1, 10, 11, 16];
 
 /// Rejects a single input tensor of integers or texts.
@@ -131,8 +131,8 @@ fn first_number(message: &[u8], wanted: u64) -> Option<u64> {
     })
 }
 
-/// Returns the names of the input tensors, if there are several of one number each. Exporters write one for each column
-/// of a table.
+/// Returns the names of the input tensors if the graph has several input tensors of one number each; else an empty
+/// list. Exporters write one input tensor for each column of a table.
 fn columns(graph: &[u8]) -> Vec<&str> {
     let inputs = inputs(graph);
     if !(2..=WIDEST).contains(&inputs.len()) || !inputs.iter().all(|input| is_column(input)) {
@@ -201,7 +201,7 @@ fn rewrite_node(
     }
 }
 
-/// Copies a node without its name. Tensors in its attributes get their numbers.
+/// Copies a node without its name. Tensors in its attributes get their numbers from external files.
 fn without_name(message: &[u8], external: &mut External<'_>) -> Result<Replacement, String> {
     let mut node = Vec::with_capacity(message.len());
     for (number, value, raw) in raw_fields(message) {
