@@ -8,11 +8,11 @@ use std::panic::{AssertUnwindSafe, catch_unwind, set_hook, take_hook};
 use std::sync::Once;
 
 thread_local! {
-    /// Whether this thread currently runs code from outside the project, inside [`beyond`].
+    /// Whether this thread is inside [`beyond`], and therefore runs code from outside the project.
     static BEYOND: Cell<bool> = const { Cell::new(false) };
 }
 
-/// Error of [`beyond`]: the code that the function ran has panicked.
+/// Error of [`beyond`]: the code from outside the project has panicked.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Panicked;
 

@@ -60,7 +60,7 @@ pub struct Judgement {
 
 shifted!(Judgement: days);
 
-/// Residual errors over the judged days, as root mean squares of the days.
+/// Residual errors over the judged days, each as the root of the mean square over these days.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Gain {
     /// Time of the datum (zero point) of the first judged day.
@@ -82,7 +82,7 @@ pub struct Gain {
 pub struct Offer {
     /// Name of the axis in the profile.
     pub axis: String,
-    /// Name of the candidate, from the day of its last run and its content.
+    /// Name of the candidate. It depends on the day of the candidate's last run and on its terms.
     pub name: String,
     /// Number of runs from which the candidate was learned.
     pub runs: usize,
@@ -149,7 +149,8 @@ impl JudgedDay {
         self.begins.as_nanos() / NANOS_OF_A_DAY == other.begins.as_nanos() / NANOS_OF_A_DAY
     }
 
-    /// Returns this day combined with another run of the same day. Each touch has the same weight.
+    /// Returns the mean squares over this run and another run of the same day. Each touch of both runs has the same
+    /// weight.
     fn with(&self, run: JudgedDay) -> JudgedDay {
         let (own, others) = (f64::from(self.touches), f64::from(run.touches));
         let mean = |own_square: f64, square: f64| (own * own_square + others * square) / (own + others);
@@ -163,8 +164,9 @@ impl JudgedDay {
 }
 
 impl Judgement {
-    /// Adds a day, or adds another run to the last day. Returns `false` if the day is not used: it has no touch, a mean
-    /// square is invalid, or its datum is not later than the datum of the last judged day.
+    /// Adds a judged day. Another run of the last day is combined with that day. Returns `false` if the day is not
+    /// used: it has no touch, a mean square is invalid, or its datum is not later than the datum of the last judged
+    /// day.
     pub fn judge(&mut self, day: JudgedDay) -> bool {
         let is_error = |square: f64| square.is_finite() && square >= 0.0;
         let is_new = self.days.back().is_none_or(|last| day.begins > last.begins);
@@ -220,7 +222,7 @@ impl Judgement {
         }
     }
 
-    /// Records that the candidate is the model in use now.
+    /// Records that the candidate has become the model in use.
     pub fn adopted(&mut self) {
         self.days.iter_mut().for_each(|day| day.in_use = day.candidate);
     }

@@ -138,7 +138,7 @@ impl Compensation {
         StepResult { anything: true, noticed }
     }
 
-    /// Returns whether a step at `now` would run this axis with this control.
+    /// Returns whether a step at `now` would compute a decision for this axis with this control.
     pub fn is_due(&self, axis: usize, now: Moment, control: &Control) -> bool {
         self.axes.get(axis).is_some_and(|axis| axis.is_due(now, control))
     }
@@ -240,7 +240,7 @@ impl Compensation {
         }
     }
 
-    /// Checks whether this axis would correct its models with a measured error now. The axis does not change.
+    /// Checks whether the axis would now correct its models with this measured error. The axis does not change.
     ///
     /// # Errors
     /// Returns the result that the probing would have, with the reason for the refusal.

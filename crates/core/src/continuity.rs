@@ -130,7 +130,7 @@ pub struct DeviceContinuity {
     delivered: Moment,
     /// Number of requests without an answer since the last answer.
     missed: u32,
-    /// Whether the present time without answers has already been recorded as a break of continuity.
+    /// Whether the device does not answer, and this silence has already been recorded as a break of continuity.
     is_silent: bool,
 }
 
@@ -192,7 +192,7 @@ impl DeviceContinuity {
         }
     }
 
-    /// Time of the last answer with the requested data.
+    /// Returns the time of the last answer with the requested data.
     pub fn delivered_at(&self) -> Moment {
         self.delivered
     }

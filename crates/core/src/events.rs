@@ -15,7 +15,7 @@ pub const CLOCK: &str = "clock";
 /// Hint for a device or bus that does not answer.
 const DOES_NOT_ANSWER: &str =
     "check the power and the cable of the device; `isotherm check --online` tries to reach it again";
-/// Hint for a device whose answers are lost now and then.
+/// Hint for a device whose answers are sometimes lost.
 const LOSES_ANSWERS: &str =
     "if this happens often, answers are lost: check the cable, the converter and the load of the device";
 /// Hint for a sensor that is bad or rejected.

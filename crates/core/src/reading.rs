@@ -18,7 +18,7 @@ pub struct SignalId(pub usize);
 /// Value of a signal, with its time and quality.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Reading {
-    /// Value in the signal's unit. Meaningless unless the quality is good.
+    /// Value in the signal's unit. The value has a meaning only if the quality is good.
     pub value: f64,
     /// Time of measurement.
     pub at: Moment,

@@ -42,7 +42,7 @@ impl BitField {
     /// Largest length of a frame in bytes (CAN FD).
     pub const LONGEST_FRAME: usize = 64;
 
-    /// Creates a field. Returns `None` if the length does not suit the kind, or if the field ends after byte 64.
+    /// Creates a field. Returns `None` if the length is invalid for the kind, or if the field ends after byte 64.
     /// Integers have 1 to 64 bits, floats 32 or 64.
     pub fn new(start: u16, length: u16, order: ByteOrder, kind: BitKind) -> Option<BitField> {
         let fits_kind = match kind {
@@ -63,8 +63,8 @@ impl BitField {
         }
     }
 
-    /// Returns the type of the value: a type with a name such as `u16` for this width, else one with exactly this
-    /// number of bits.
+    /// Returns the type of the value. This is the type of this width with a name (for example `u16`), or else a type
+    /// with exactly this number of bits.
     pub fn data_type(&self) -> DataType {
         match (self.kind, self.length) {
             (BitKind::Float, 32) => DataType::F32,
@@ -115,8 +115,8 @@ impl BitField {
         self.places().any(|(_, byte, bit)| other.places().any(|(_, b, i)| (byte, bit) == (b, i)))
     }
 
-    /// Returns the bits of the field. Each item contains the rank of a bit in the value (0 is the least significant),
-    /// its byte, and its position in the byte.
+    /// Returns the bits of the field. Each item is the rank of a bit in the value (0 is the least significant), the
+    /// byte of the frame, and the position of the bit in this byte.
     fn places(&self) -> impl Iterator<Item = (usize, usize, usize)> {
         let (start, length, order) = (usize::from(self.start), usize::from(self.length), self.order);
         (0..length).map(move |step| match order {

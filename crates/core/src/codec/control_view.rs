@@ -45,7 +45,7 @@ pub enum Inadmissible {
         /// Limit that the correction exceeds.
         limit: Micron,
     },
-    /// The control would convert the registers to another correction than intended.
+    /// The control would convert the registers to a correction that differs from the intended correction.
     Unlike {
         /// Correction that the control would apply.
         correction: Micron,

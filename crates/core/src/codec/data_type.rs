@@ -30,7 +30,8 @@ pub enum DataType {
     Bit(u8),
     /// Adjacent bits of one register or of two.
     Part(Part),
-    /// Two registers of a digit display: sign, number of decimals (0 to 5) and 24 bits of magnitude, for six digits.
+    /// Two registers of a display with six digits. They contain a sign, the number of decimals (0 to 5) and a magnitude
+    /// of 24 bits.
     Decimal24(u8),
     /// Binary-coded decimal without a sign: this number of digits (4 or 8), with four bits each.
     Bcd(u8),
@@ -39,7 +40,7 @@ pub enum DataType {
     /// Unsigned integer of this number of bits (1 to 64), in a CAN frame, a CANopen object or registers. Widths with a
     /// type of their own, such as [`DataType::U16`], use that type. Unused bits of the first register are ignored.
     Unsigned(u8),
-    /// Signed integer in two's complement of this number of bits, otherwise as [`DataType::Unsigned`].
+    /// Signed integer in two's complement, with this number of bits. In all other respects like [`DataType::Unsigned`].
     Signed(u8),
 }
 

@@ -11,9 +11,9 @@ use crate::reading::Reason;
 /// Order of the registers of a value that occupies several registers. There is no default, because devices differ.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum WordOrder {
-    /// The most significant word at the lowest address.
+    /// The most significant word is at the lowest address.
     MswFirst,
-    /// The least significant word at the lowest address.
+    /// The least significant word is at the lowest address.
     LswFirst,
 }
 
@@ -30,7 +30,7 @@ pub struct Encoding {
     pub scale: Scale,
     /// Engineering value of a raw count of zero.
     pub offset: f64,
-    /// Number that is added to a raw count before it is sent. Only outputs use a bias; LinuxCNC requires 32768.
+    /// Number that is added to a raw count before the count is sent. Only outputs use a bias; LinuxCNC requires 32768.
     pub bias: i64,
     /// Raw values that mean "no measurement".
     pub bad: Vec<Sentinel>,

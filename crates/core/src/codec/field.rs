@@ -1,4 +1,5 @@
-//! Fields of CAN frames: which frames, which bits, and the multiplexer values that select them.
+//! Fields of CAN frames. A field is a value: it is defined by the frames that contain it, its bits in these frames, and
+//! conditions on a multiplexer.
 
 use std::fmt;
 

@@ -34,8 +34,8 @@ impl Namespace {
     /// URI of the namespace that has index 0 on every server.
     const OF_OPC_UA: &str = "http://opcfoundation.org/UA/";
 
-    /// Parses the namespace at the beginning of a node's notation. Returns the namespace and the rest of the text, or a
-    /// message about the mistake.
+    /// Parses the namespace at the beginning of the text of a node. Returns the namespace and the rest of the text, or
+    /// a message about the mistake.
     fn parse(text: &str) -> Result<(Namespace, &str), String> {
         let (by_uri, by_index) = (text.strip_prefix("nsu="), text.strip_prefix("ns="));
         let Some(rest) = by_uri.or(by_index) else { return Ok((Namespace::Index(0), text)) };
@@ -89,7 +89,8 @@ pub enum Identifier {
 pub struct Node {
     /// Identifier of the node.
     pub id: NodeId,
-    /// Type of the value. If `None`, any number is accepted and converted to `f64`, also a text that is a number.
+    /// Type of the value. If `None`, any number is accepted and converted to `f64`, even a text that contains only a
+    /// number.
     pub data_type: Option<DataType>,
     /// Element of the node's array. `None` if the node has a single value.
     pub element: Option<Element>,
@@ -110,7 +111,7 @@ impl Node {
         Node { id, data_type, element: None }
     }
 
-    /// Returns the type of the value in the registers that [`Node::registers`] returns.
+    /// Returns the type with which [`Node::registers`] encodes the value.
     pub fn taken_as(&self) -> DataType {
         self.data_type.unwrap_or(DataType::F64)
     }

@@ -45,8 +45,8 @@ impl PcSensor {
         matches!(self, PcSensor::OneWire(id) if !id.starts_with(THERMOCOUPLE))
     }
 
-    /// Returns the path of the sensor in the kernel's file system and its name, for messages. `root` is the directory
-    /// of the sensors.
+    /// Returns where the kernel shows the sensor, for messages: the path of a file or directory, and the name in it.
+    /// `root` is the directory of the sensors.
     pub fn sought_in(&self, root: &str) -> String {
         let root = root.trim_end_matches('/');
         match self {
@@ -148,7 +148,7 @@ fn channel(text: &str, kind: &str) -> Result<Channel, String> {
         Some((chip, device)) => (chip, Some(device)),
         None => (chip, None),
     };
-    let form = format!("write its name, as \"{kind}:NAME/LABEL\"");
+    let form = format!("write the names of chip and channel, as \"{kind}:NAME/LABEL\"");
     if chip.is_empty() || [device, label].contains(&Some("")) {
         return Err(format!("something is missing in `{kind}:{text}`; {form}"));
     }

@@ -2,8 +2,8 @@
 
 use super::float::same;
 
-/// Scale of a value. It also stores whether one unit is a whole number of counts, because calculating this takes two
-/// divisions.
+/// Scale of a value. The structure also stores whether one unit is a whole number of counts, which would take two
+/// divisions to calculate.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Scale {
     per_count: f64,
@@ -21,7 +21,7 @@ impl Scale {
         Scale { per_count, counts_per_unit: is_whole.then_some(counts) }
     }
 
-    /// Returns the scale times this power of ten.
+    /// Returns the scale multiplied by 10 to the power of `exponent`.
     pub fn times_power_of_ten(self, exponent: i8) -> Scale {
         let power = 10f64.powi(i32::from(exponent.unsigned_abs()));
         match exponent {

@@ -66,8 +66,8 @@ pub struct TextPattern {
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 enum Part {
     Literal(Vec<char>),
-    /// The value. If the pattern states the number of decimals, a value with another number does not match. If it
-    /// states a width in characters, a value of another width does not match.
+    /// The value. If the pattern states the number of decimals, a value with another number of decimals does not match.
+    /// If it states a width in characters, a value of another width does not match.
     Number {
         decimals: Option<u8>,
         width: Option<u16>,
@@ -353,7 +353,7 @@ impl FromStr for TextPattern {
         }
         if let Some(other) = text.chars().find(|character| *character > LAST_CHARACTER) {
             return Err(format!(
-                "a device cannot send `{other}`, because a character has eight bits; write {{any 1}}"
+                "a device cannot send `{other}`, because a character has eight bits; write {{any 1}} instead"
             ));
         }
         let has_sum = text.ends_with(SUM);

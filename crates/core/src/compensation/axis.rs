@@ -29,7 +29,7 @@ pub(super) struct Axis {
     pub(super) reads_nothing: bool,
     /// Lags of the terms of each model.
     lags: Vec<Vec<Lag>>,
-    /// For each model: its rejected sensors and their stand-ins.
+    /// For each model: the check of its sensors, with the rejected sensors and their stand-ins.
     watched: Vec<ModelWatch>,
     zeroing: Zeroing,
     pub(super) probe: Probe,
@@ -336,7 +336,8 @@ impl Axis {
         }
     }
 
-    /// Returns the limits for changes of the slope: the same as for Cz, in counts of the slope's register.
+    /// Returns the limits for changes of the slope. They equal the limits of Cz, except for the size of a count of the
+    /// slope's register.
     fn slope_settings(&self) -> GuardSettings {
         GuardSettings {
             count: self.settings.intercept_slope.and_then(|line| line.count),

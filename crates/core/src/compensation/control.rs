@@ -16,7 +16,7 @@ pub struct Control {
     /// Effect of the slope, at the axis's largest distance from the reference position, from which the slope resumes.
     /// This field is set only if the control applies the slope itself.
     pub take_over_slope: Option<Micron>,
-    /// Whether the axis must discard the correction of its models from probings.
+    /// Whether the axis must discard the corrections that its models have from probings.
     pub forget: bool,
     /// Measured error with which the axis corrects its models; `None` if there is no new measured error.
     pub measured: Option<Measured>,
@@ -28,8 +28,8 @@ pub struct Control {
     /// Verified Cz of the output register that is farthest behind the last decision. The next Cz stays within one step
     /// of this value. `None` if no register is behind.
     pub behind: Option<Micron>,
-    /// Values to which an axis that keeps its Cz returns after the settings of a sensor were changed. The reason is
-    /// that the decisions since the last check of the sensor used wrong readings.
+    /// Cz and slope from before a change of a sensor's settings. An axis that keeps its Cz returns to these values,
+    /// because its later decisions used wrong readings.
     pub return_to: Option<ReturnTo>,
 }
 

@@ -105,13 +105,13 @@ impl Guard {
         self.counted
     }
 
-    /// Returns the last decided value, in whole counts.
+    /// Returns the last decided value, µm. The value is a whole number of counts.
     pub(super) fn value(&self) -> Micron {
         self.counted
     }
 
-    /// Moves the offset towards `target`, as far as the time `dt` and the settings allow. Returns the decided value,
-    /// and the stages that changed it.
+    /// Moves the offset towards `target`, as far as the settings allow in the time `dt`. Returns the decided value, and
+    /// the stages that changed it.
     pub(super) fn advance(
         &mut self,
         target: Micron,

@@ -50,7 +50,7 @@ pub enum Preferred {
 /// Model that was learned from touches: Cz is the sum of its terms.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct LearnedModel {
-    /// Name, from the day of its last run and its content.
+    /// Name of the model. It depends on the day of the model's last run and on its terms.
     pub name: String,
     /// Terms. An input of the slot without a term has the gain zero.
     pub terms: Vec<LearnedTerm>,
@@ -81,7 +81,7 @@ pub enum When {
     AtDatum,
 }
 
-/// Change of the preferred model that was requested.
+/// Requested change of the preferred model.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Change {
     /// Model that is preferred after the change.

@@ -95,7 +95,7 @@ pub enum Refused {
     Doubted(Micron),
 }
 
-/// Residual with which the axis corrected its models.
+/// Residual error of an accepted probing, with which the axis corrected its models.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Residual {
     /// Time of the probing.

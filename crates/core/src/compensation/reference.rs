@@ -68,7 +68,7 @@ pub struct Capture {
     #[serde(default)]
     at: Moment,
     gathering: Option<CaptureMean>,
-    /// Whether the last reading was not used for the capture, because its sensor was rejected.
+    /// Whether the capture did not use the last reading, because the sensor was rejected.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     withheld: bool,
     /// Largest possible time since the capture in which the gateway did not run.

@@ -1,4 +1,5 @@
-//! Running state of an axis. The first row of each log file contains it, so that a replay needs no earlier file.
+//! Running state of an axis. The first row of each log file contains this state, so that a replay does not need the
+//! earlier files.
 
 use serde::{Deserialize, Serialize};
 

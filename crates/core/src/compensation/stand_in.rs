@@ -1,7 +1,7 @@
 //! Detection of frozen sensors, and stand-ins (estimates from other sensors) for frozen and lost sensors. A step is
 //! pure, and allocates no memory.
 //!
-//! Notation: x̂ is the rise of a sensor as its predictors (other sensors) predict it, as the mean of a minute. s is the
+//! Notation: x̂ is the rise of a sensor that its predictors (other sensors) predict, as the mean of a minute. s is the
 //! time at which the sensor's reading last changed, and y the reading at that time. If the machine does not change, the
 //! predictors predict no change. A constant reading is suspected to be frozen only if
 //!

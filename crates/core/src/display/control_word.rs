@@ -1,4 +1,4 @@
-//! Control word of a set of outputs: the register in which the gateway tells the control the state of the set's axes.
+//! Control word of a set of outputs: a register in which the gateway shows the control the states of the set's axes.
 
 use crate::compensation::AxisState;
 use crate::output::ControlWord;

@@ -14,7 +14,7 @@ use super::state::RETRY;
 use super::state_parts::TimedValue;
 use crate::quantity::{Counts, Moment, shifted};
 
-/// Knowledge about the applied value of one output.
+/// Applied value of one output: the times of its reads, and whether it equals the register value.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub(super) struct Applied {
     /// Register value, and the time when it was first known.
@@ -24,7 +24,7 @@ pub(super) struct Applied {
     shown: AppliedState,
 }
 
-/// Knowledge whether the control applies the register value.
+/// Whether the control applies the register value, as far as the gateway knows.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 enum AppliedState {

@@ -86,7 +86,7 @@ pub enum Input {
         /// Time at which the read request was sent.
         asked: Moment,
     },
-    /// Whether the control has taken the last values of the set to which the output belongs.
+    /// News about the set to which the output belongs: whether the control has taken its last values.
     Set(SetCommit),
     /// The turn of the output (the work of the bus line's task on it) ends. Exchanges that are still pending are
     /// dropped.
@@ -100,7 +100,7 @@ impl From<Fact> for Input {
 }
 
 impl Input {
-    /// Returns whether this is the result of an exchange with the device or the disk.
+    /// Returns whether the input is the result of an exchange with the device or the disk.
     pub(super) fn is_result(self) -> bool {
         match self {
             Input::Fact(fact) => matches!(

@@ -37,8 +37,8 @@ pub struct InFlightWrite {
     pub left: Moment,
     /// Time at which the device answered that it has carried out the write. `None` without such an answer.
     pub answered: Option<Moment>,
-    /// Time of the first read that showed another value. `None` if there was none, or if the same value was sent again
-    /// since.
+    /// Time of the first read that showed another value. `None` if there was no such read, or if the same value was
+    /// sent again since then.
     pub other_seen: Option<Moment>,
     /// Whether a read of this value does not prove that an unanswered write has arrived. Possible reasons: the write is
     /// from before the start, the operator may have entered the value, or the value was sent twice.
@@ -85,7 +85,7 @@ pub(super) struct ReadResult {
 }
 
 impl InFlightWrites {
-    /// Returns whether there is room for another write.
+    /// Returns whether the list has room for another write.
     pub fn has_room(&self) -> bool {
         self.under_way.len() < MOST_UNDER_WAY && self.under_way.len() + self.expired.len() < MOST_REMEMBERED
     }

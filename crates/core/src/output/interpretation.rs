@@ -8,14 +8,14 @@ use crate::quantity::{Counts, Moment};
 /// Meaning of a register value that was read.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Meaning {
-    /// First read of the register: any value is accepted.
+    /// Result of the first read of the register: any value is accepted.
     First,
     /// The register holds the expected value.
     Same,
     /// Value of a write of the gateway, sent at `sent`. `is_late`: a read after the sending had not shown the value
     /// yet.
     Ours { sent: Moment, is_late: bool },
-    /// Unexpected value soon after a start. It may be from a late write of the previous run.
+    /// Unexpected value soon after a start of the gateway. It may come from a late write of the previous run.
     FromBefore,
     /// A write was acknowledged, but the register still holds the earlier value.
     NotTaken,

@@ -254,8 +254,8 @@ fn repeats(state: &State, settings: &Settings, aim: Option<Aim>, now: Moment) ->
         && is_repeatable(state, settings, seen)
 }
 
-/// Returns whether the register value may be sent again: a late write that arrives after it would be at most one step
-/// away.
+/// Returns whether the register value may be sent again. If a late write arrives after it, the register may change by
+/// one step at most.
 fn is_repeatable(state: &State, settings: &Settings, seen: TimedValue) -> bool {
     let room = state.copies.room(seen.value, settings.step, settings.step);
     room.contains(seen.value) || !settings.rules.has(Rule::NearCopies)

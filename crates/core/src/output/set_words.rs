@@ -29,7 +29,7 @@ impl WrittenWords {
         self.may_say_enabled
     }
 
-    /// Records the count of the heartbeat that was read, if it was read.
+    /// Records the count of the heartbeat that was read. `None` means that it was not read, and changes nothing.
     pub(super) fn receive_beat(&mut self, beat: Option<u16>) {
         self.beat = beat.unwrap_or(self.beat);
     }

@@ -38,7 +38,7 @@ pub struct State {
     pub(super) is_interlocked: bool,
     /// Decision to carry out, with the last moment for sending it.
     pub(super) order: Option<Setpoint>,
-    /// Value that is sent as soon as it is saved on disk.
+    /// Value that the gateway sends as soon as the value is saved on disk.
     pub(super) promised: Option<Counts>,
     /// Last moment for sending the value in `promised`, given by the age of the readings on which the value depends.
     #[serde(default)]

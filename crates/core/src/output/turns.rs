@@ -1,5 +1,5 @@
-//! Detection of a second gateway that writes to the same shared register. Soon after each change of this gateway,
-//! another client makes a small change.
+//! Detection of a second gateway that writes to the same shared register. The sign of a second gateway is a small
+//! change by another client, soon after each change of this gateway.
 //!
 //! Two gateways do not alternate strictly. The criterion is that both make the same number of changes, whichever comes
 //! first. An operator makes far fewer changes, or many at once with a handwheel. After enough changes, this gateway
@@ -19,7 +19,7 @@ const MORE: u8 = 6;
 pub(super) struct Turns {
     ours: u8,
     others: u8,
-    /// Number of changes of this gateway since both clients had made enough changes; `None` before that.
+    /// Number of changes of this gateway since both clients had made [`ENOUGH`] changes; `None` before that.
     since: Option<u8>,
 }
 

@@ -32,7 +32,7 @@ pub(super) enum Read {
     Date(DateTime),
     /// Date and time with AM or PM, whose month is taken to come first, as in the United States.
     Assumed(DateTime),
-    /// Time of a day, or time since a start, in nanoseconds.
+    /// Time of day, or time since the start of the log, in nanoseconds.
     OfDay(u64),
 }
 
@@ -130,8 +130,8 @@ fn is_digits(text: &str) -> bool {
     !text.is_empty() && text.bytes().all(|byte| byte.is_ascii_digit())
 }
 
-/// Returns a date with the name of its month, and the time after it, with the date as one word. `05 Jan 2026 06:00` and
-/// `Jan 05, 2026 06:00` become `05-Jan-2026 06:00`. `None` for any other text.
+/// Joins the parts of a date that contains the name of a month into one word, and keeps the time after the date.
+/// `05 Jan 2026 06:00` and `Jan 05, 2026 06:00` become `05-Jan-2026 06:00`. `None` for any other text.
 fn one_word(text: &str) -> Option<String> {
     let mut parts = text.split(' ').map(|part| part.trim_end_matches(',')).filter(|part| !part.is_empty());
     let (first, second, year) = (parts.next()?, parts.next()?, parts.next()?);
@@ -144,7 +144,8 @@ fn one_word(text: &str) -> Option<String> {
     Some(format!("{day}-{month}-{year} {}", rest.join(" ")))
 }
 
-/// Returns the nanoseconds of a time since a start, as pandas and Python write it: `1 days 06:00:10`, `1 day, 6:00:10`.
+/// Returns the nanoseconds of an elapsed time with days, as pandas and Python write it: `1 days 06:00:10`,
+/// `1 day, 6:00:10`.
 fn since_days(text: &str) -> Option<u64> {
     let (days, clock) = text.split_once(" day")?;
     let clock = Clock::of(clock.trim_start_matches(['s', ',']))?;
@@ -243,7 +244,7 @@ fn two_orders(text: &str) -> String {
     )
 }
 
-/// Time of a day, or time since a start.
+/// Time of day, or time since the start of the log.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Clock {
     hours: u64,

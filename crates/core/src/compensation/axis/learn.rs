@@ -112,8 +112,8 @@ impl Axis {
         Probed { at: snapshot.now, error: measured.error, acting, residual, refused }
     }
 
-    /// Returns why a model does not accept a probing at once. `None` if the model accepts the probing, or learns
-    /// nothing from it. `cz`: value of Cz that would have left no error, according to the probing.
+    /// Returns why a model does not accept a probing at once. `None` if the model accepts the probing, or if the model
+    /// is not corrected with it. `cz`: value of Cz that would have left no error, according to the probing.
     fn doubts(
         &self,
         place: usize,

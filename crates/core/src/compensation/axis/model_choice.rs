@@ -31,7 +31,8 @@ pub(in crate::compensation) struct ModelChoice {
 pub(super) struct ModelRequest {
     pub(super) cz: f64,
     slope: f64,
-    /// Factor for the sum of Cz and correction, and for the slope.
+    /// Factor of the envelope for the sum of Cz and correction, and for the slope. It is 1 if the envelope does not
+    /// reduce this sum.
     gain: f64,
     coverage: Option<Coverage>,
 }

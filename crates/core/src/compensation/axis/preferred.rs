@@ -69,7 +69,8 @@ impl Axis {
         self.due = None;
     }
 
-    /// Restores the preferred model of an earlier run. The models of the profile are preferred if they have changed.
+    /// Restores the preferred model of an earlier run. If the models of the profile have changed since then, they are
+    /// preferred.
     pub(super) fn recall_preference(&mut self, kept: Option<&Preference>) {
         let Some(slot) = &self.settings.learned else { return };
         let Some(kept) = kept.filter(|kept| kept.own() == slot.own) else { return };

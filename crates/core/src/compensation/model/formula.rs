@@ -2,7 +2,7 @@
 //!
 //! An expression is parsed once into a list of operations on a small stack. Evaluation allocates no memory. Operators,
 //! weakest first: `or`, `and`, `not`, `== != < <= > >=`, `+ -`, `* /`, unary `-`, `^`. Functions:
-//! `abs exp ln sqrt min max`. M2 of JP H07-61598 B2 is the reference case.
+//! `abs exp ln sqrt min max`. The reference case is the model M2 of JP H07-61598 B2.
 
 use super::{Evaluate, Inputs, Outputs, Unusable};
 use crate::reading::SignalId;

@@ -116,7 +116,7 @@ impl Input {
         }
     }
 
-    /// Returns why there is no reference: its capture is not complete, or its sensor is rejected.
+    /// Returns why the input has no reference: the capture is not complete, or the sensor is rejected.
     fn misses(&self, machine: &Machine) -> Unusable {
         if machine.is_withheld(self.reference, self.signal) {
             return Unusable::Unproven(self.signal);

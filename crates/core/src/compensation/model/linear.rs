@@ -1,5 +1,5 @@
-//! Linear model `Cz = offset + Σ gain · (T − T_ref) + slope · (P − P0)`. Covers M1 and M3 of JP H07-61598 B2, the
-//! lagged expansions of Janeczko 1989, and every regression on temperature rises.
+//! Linear model `Cz = offset + Σ gain · (T − T_ref) + slope · (P − P0)`. This model covers the models M1 and M3 of JP
+//! H07-61598 B2, the lagged expansions of Janeczko 1989, and every regression on temperature rises.
 //!
 //! The slope is a second sum of gains times rises, in µm/mm, multiplied by the distance from a reference position.
 //! Sources: Li, Yang, Zhang, Zhang 1998, `Δz(z1) = Δz(z0) + k·(z1 − z0)`; SINUMERIK `ΔK = K0(T) + tanβ(T)·(P − P0)`.

@@ -1,5 +1,5 @@
-//! Model `δ = P·ΔT`: displacement of a guideway at the position of the axis. The blocks are parts of the structure with
-//! one temperature each, and ΔT are their rises. M11, after JP 6507619 B2 (JTEKT).
+//! Model `δ = P·ΔT`: the displacement of a guideway at the position of the axis. The blocks are parts of the structure
+//! with one temperature each, and ΔT are their temperature rises. This is model M11, after JP 6507619 B2 (JTEKT).
 //!
 //! P comes from a finite-element model of the structure. The matrix here contains only the component that acts on the
 //! axis, as gains of Cz. Between two points of the guideway, Cz is interpolated linearly. Beyond an end, Cz keeps its

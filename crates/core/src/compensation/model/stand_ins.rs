@@ -8,8 +8,8 @@
 use super::{Input, Reference};
 use crate::reading::SignalId;
 
-/// Minimum number of other sensors in a prediction that replaces a reading. If there were only one, its fault would
-/// affect the stand-in fully.
+/// Minimum number of other sensors in a prediction that replaces a reading. With a single other sensor, a fault of that
+/// sensor would affect the stand-in fully.
 const FEWEST: usize = 2;
 
 /// Virtual sensors of a model: predictions of its sensors from each other.

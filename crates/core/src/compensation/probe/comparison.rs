@@ -34,8 +34,8 @@ const FULL: f64 = 8.0;
 const OLDEST: Duration = Duration::from_hours(7 * 24);
 /// Factor by which the sum of the squared errors with the model must exceed the sum without compensation.
 const CLEARLY: f64 = 1.1;
-/// Excess of the sum with the model over the sum without compensation that is required for each touch of a full window.
-/// In multiples of the variance σ² of a touch.
+/// Required excess of the sum with the model over the sum without compensation, for each of the eight touches. In
+/// multiples of the variance σ² of a touch.
 const FOR_EACH: f64 = 4.0;
 /// Largest difference of two touches that agree, in standard deviations of the difference.
 const AGREES: f64 = 4.0;
@@ -62,7 +62,7 @@ pub(in crate::compensation) struct Touch {
     pub(in crate::compensation) with: f64,
 }
 
-/// Acceptance of a touch (the result of one probing) by a model.
+/// Whether a model accepts a touch (the result of one probing).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(in crate::compensation) enum Credit {
     /// The model accepts the touch and is corrected with it.

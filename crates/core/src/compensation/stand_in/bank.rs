@@ -36,7 +36,7 @@ pub(super) struct BankInput {
     /// Mean of the rise of the sensor's stand-in in this minute.
     #[serde(default)]
     pub(super) lent: Mean,
-    /// Whether the input is beyond the range on which the model was identified.
+    /// Whether the input is beyond its range in the envelope of the model.
     #[serde(default)]
     pub(super) beyond: bool,
 }

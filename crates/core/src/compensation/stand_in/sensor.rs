@@ -31,8 +31,8 @@ pub(super) struct Sensor {
     from: Option<f64>,
     /// Predicted rise x̂ at the reading `from`.
     base: Option<f64>,
-    /// Whether `from` and `base` belong to a reading that is not accepted yet, because the machine started without a
-    /// reading.
+    /// Whether `from` and `base` belong to a reading that is not accepted yet. This is the case if the sensor had no
+    /// reading when the machine started.
     #[serde(default)]
     tentative: bool,
     /// Predicted rise x̂ of the last minute; `None` if there was no prediction.
@@ -126,7 +126,7 @@ enum SensorState {
 /// Result of judging a sensor at the end of a minute.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Verdict {
-    /// The minute does not cause the sensor to be accepted again.
+    /// The sensor is not accepted again at the end of this minute.
     AsBefore,
     /// The sensor is accepted again. Contains the estimate of its reading at machine start, if there is one.
     Accepted(Option<StartEstimate>),

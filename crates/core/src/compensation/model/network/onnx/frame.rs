@@ -3,7 +3,8 @@
 //! The ONNX runtime accepts a truncated file as complete. It also allocates as many bytes as a damaged length demands.
 //! Therefore each length is checked before the runtime reads the file.
 
-/// Kinds of messages in an ONNX file, after `onnx.proto`. [`Message::Flat`] is any message without messages in it.
+/// Kinds of messages in an ONNX file, after `onnx.proto`. [`Message::Flat`] is any message that contains no other
+/// messages.
 #[derive(Clone, Copy)]
 enum Message {
     Model,
@@ -68,7 +69,7 @@ pub(super) struct Fields<'a>(pub(super) &'a [u8]);
 pub(super) enum Field<'a> {
     Number(u64),
     Bytes(&'a [u8]),
-    /// Number of four or eight bytes, which is not needed here.
+    /// Number of four or eight bytes. Its value is not needed.
     Fixed,
 }
 

@@ -16,7 +16,8 @@ use super::{Graph, caught};
 /// Numbers that a graph may compute for each byte of its file. A network uses each weight once, and a weight has at
 /// least one byte.
 const PER_BYTE: u64 = 2;
-/// Numbers that a graph may compute in addition to [`PER_BYTE`], independent of the size of its file.
+/// Numbers that a graph may compute in any case, in addition to those that [`PER_BYTE`] allows for the size of its
+/// file.
 const BESIDE: u64 = 1_000_000;
 
 /// Node of the graph in the file: one operator with its inputs and its output.
