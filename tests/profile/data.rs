@@ -269,7 +269,7 @@ fn an_onnx_file_is_found_beside_its_profile_and_must_fit_it() {
     assert!(one.contains("nets/n.onnx: the network has 2 inputs, but the model names 1: bed"), "{one}");
     std::fs::write(directory.path().join("nets/n.onnx"), &file[..file.len() / 2]).unwrap();
     let cut = errors(load(&keys)).remove(0).to_string();
-    assert!(cut.contains("nets/n.onnx: this is no ONNX file, or the file is incomplete"), "{cut}");
+    assert!(cut.contains("nets/n.onnx: this is not an ONNX file, or the file is incomplete"), "{cut}");
 }
 
 /// File with the network `0.5·bed − 0.25·wheelhead`, whose numbers are in `w.data`, and the bytes of that file.

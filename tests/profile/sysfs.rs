@@ -90,7 +90,7 @@ fn the_numbers_that_the_kernel_gives_at_each_start_are_no_names() {
     }
     no_pc(lm75, "/sys/class/hwmon/hwmon3/temp1_input", at, "\"/sys", &["is a path", "hwmon:NAME/LABEL"]);
     no_pc("iio:mcp9808", "iio:iio:device0", "signal.column.sensor", "\"iio", &["again at each start"]);
-    no_pc("w1:28-0316a2794f01", "w1:w1_bus_master1", "signal.bed.sensor", "\"w1", &["is no ROM id"]);
+    no_pc("w1:28-0316a2794f01", "w1:w1_bus_master1", "signal.bed.sensor", "\"w1", &["is not a ROM id"]);
 }
 
 #[test]

@@ -67,7 +67,7 @@ impl Desk {
         self.give(what, Fact::Decided { offset, target: None, not_after: self.now.after(SECOND) });
     }
 
-    /// Passes a fact to the output, then executes the actions that the output requests until there are none.
+    /// Passes a fact to the output, then executes the actions that the output requests, until it requests nothing.
     fn give(&mut self, what: &str, fact: Fact) {
         println!("\n{what}");
         let mut fact = fact;

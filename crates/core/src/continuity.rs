@@ -93,7 +93,8 @@ pub struct Difference {
 pub enum CheckFailure {
     /// The check read another value than expected, given as text.
     Value(String),
-    /// The check read no value: the device answered that it has no such register, for this reason.
+    /// The check read no value: the device answered that it has no such register. Contains the reason that the device
+    /// gave.
     Absent(String),
     /// The check read no value, for a reason that does not show whether the device has the register.
     Unreadable(String),
@@ -234,7 +235,7 @@ impl DeviceContinuity {
         }
     }
 
-    /// Records an answer of the device, also one that refuses the request.
+    /// Records an answer of the device, also an answer that refuses the request.
     pub fn answers(&mut self, now: Moment) {
         self.notice_silence(now);
         (self.answered, self.missed, self.is_silent) = (now, 0, false);
@@ -258,7 +259,7 @@ impl DeviceContinuity {
 }
 
 impl Difference {
-    /// Returns whether the check read a value that differs from the expected one.
+    /// Returns whether the check read a value that differs from the expected value.
     pub fn is_value(&self) -> bool {
         matches!(self.is, CheckFailure::Value(_))
     }

@@ -22,13 +22,13 @@ pub use control_word::control_word;
 /// Cz that acts in the control for an axis, as far as the gateway knows it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum KnownCz {
-    /// The gateway writes no Cz for the axis, or has not verified any yet.
+    /// The gateway writes no Cz for the axis, or has not verified any Cz yet.
     Unknown,
     /// A Cz of zero was verified in every output of the axis whose Cz is known.
     Zero,
     /// A Cz other than zero was verified in at least one output.
     Other,
-    /// A device with an output of the axis does not answer: the control may hold another Cz than the last verified one.
+    /// A device with an output of the axis does not answer: the control may hold another Cz than the last verified Cz.
     Unreachable,
 }
 
@@ -53,7 +53,7 @@ pub enum Display {
     Zeroed,
     /// The gateway moves the axis by a requested Cz, so that the operator can check the sign with a dial gauge.
     SignCheck,
-    /// A device of the axis's outputs in the control does not answer.
+    /// A device with an output of the axis does not answer.
     Unreachable,
 }
 

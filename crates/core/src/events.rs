@@ -6,7 +6,7 @@
 
 use serde::{Deserialize, Serialize};
 
-/// Word of `[[notify]]` that selects the events after which a register value differs from the written one or is
+/// Word of `[[notify]]` that selects the events after which a register value differs from the written value, or is
 /// unknown.
 pub const UNVERIFIED: &str = "unverified";
 /// Word of `[[notify]]` that selects the events about a wrong or changed clock of this computer.

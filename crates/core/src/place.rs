@@ -213,7 +213,7 @@ pub struct MovedPlace {
 }
 
 impl MovedPlace {
-    /// Compares a former place with the present one. Returns `None` if the two are equal.
+    /// Compares a former place with the present place. Returns `None` if the two are equal.
     pub fn between(was: &impl Place, is: &impl Place) -> Option<MovedPlace> {
         let (was, is) = (was.parts(), is.parts());
         let changed = || was.iter().zip(&is).filter(|(was, is)| was != is);
@@ -294,7 +294,7 @@ pub struct FormerPlace {
 }
 
 impl FormerPlace {
-    /// Creates an entry without axes, bounds and a found Cz.
+    /// Creates a former place without axes, bounds and a found Cz.
     fn of(output: String, place: OutputPlace, held_um: Option<f64>) -> FormerPlace {
         FormerPlace { output, place, held_um, axes: BTreeSet::new(), bounds: None, found_um: None }
     }
@@ -305,8 +305,9 @@ impl FormerPlace {
         FormerPlace { output, ..self }
     }
 
-    /// Returns the former places that the operator must confirm after a start, with the axes that wait. These are
-    /// places that earlier starts found (`open`), and places that were changed or removed since the last run.
+    /// Returns the former places that the operator must confirm after a start, with the axes that wait for the
+    /// operator. These are places that earlier starts found (`open`), and places that were changed or removed since the
+    /// last run.
     pub fn after(
         open: Vec<FormerPlace>,
         remembered: &BTreeMap<String, KnownOutput>,
@@ -377,7 +378,8 @@ impl FormerPlace {
         outputs.find(|(_, place)| takes(place)).map(|(name, _)| name.as_str())
     }
 
-    /// Updates the axes that wait, for this profile. Returns whether the operator must still confirm the former place.
+    /// Updates the axes that wait for the operator, according to this profile. Returns whether the operator must still
+    /// confirm the former place.
     fn is_open(&mut self, profile: &BTreeMap<String, OutputPlace>) -> bool {
         let Some(is) = profile.get(&self.output) else {
             self.axes.retain(|axis| profile.values().any(|place| place.axis == *axis));

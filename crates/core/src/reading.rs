@@ -98,8 +98,8 @@ pub enum Reason {
     Checksum,
     /// The 1-Wire sensor shows its fixed value after power-on, because it has not measured yet.
     PowerOnValue,
-    /// The memory of the 1-Wire sensor reads zero, including its checksum: the line is shorted, or the sensor has no
-    /// power.
+    /// The memory of the 1-Wire sensor reads zero, including its checksum: its bus line is shorted, or the sensor has
+    /// no power.
     AllZero,
     /// The device did not answer in time.
     Timeout,

@@ -124,7 +124,7 @@ impl Address {
 }
 
 impl Register {
-    /// Returns the one-based Modicon number: five digits, or six above 9999.
+    /// Returns the one-based Modicon number: five digits, or six digits above 9999.
     pub fn modicon(self) -> String {
         let (digit, number) = (self.table.digit(), u32::from(self.offset) + 1);
         if number > 9999 { format!("{digit}{number:05}") } else { format!("{digit}{number:04}") }

@@ -67,8 +67,8 @@ impl CanMatch {
     }
 
     /// Creates a filter for the J1939 parameter group of this identifier at any priority, from one sender (`source`) or
-    /// from any. If the identifiers of the group contain a destination address, the filter matches every destination.
-    /// Returns `None` if the identifier would not fit 29 bits.
+    /// from any sender. If the identifiers of the group contain a destination address, the filter matches every
+    /// destination. Returns `None` if the identifier would not fit 29 bits.
     pub const fn parameter_group(id: u32, source: Option<u8>) -> Option<CanMatch> {
         // Data page and format. From format 240 on, the next eight bits belong to the group; below, they are the
         // destination.

@@ -9,8 +9,8 @@ use crate::quantity::Micron;
 /// View of a control (CNC) on the registers of one output.
 ///
 /// The gateway converts µm into registers with the settings of the merged profile. This view converts the registers
-/// back into µm with the settings of the profile file alone. [`ControlView::admit`] compares the two directly before
-/// the registers are sent.
+/// back into µm with the settings of the profile file alone. [`ControlView::admit`] compares the corrections of both
+/// calculations directly before the registers are sent.
 ///
 /// The check protects against:
 /// - registers that do not hold the value: a count that wrapped or was limited to the range of its type, or a wrong

@@ -90,7 +90,8 @@ impl Counter {
 }
 
 impl Tracked {
-    /// Processes the scaled register value of a new reading.
+    /// Processes the scaled register value of a new reading. Returns the new position of the axis, or that the value is
+    /// doubtful or has a new reference.
     pub fn take(&mut self, counter: &Counter, encoding: &Encoding, value: f64, at: Moment) -> Motion {
         let Some(modulus) = Counter::modulus(encoding.data_type) else { return Motion::To(value) };
         #[allow(clippy::cast_possible_truncation, reason = "a count has at most 32 bits")]

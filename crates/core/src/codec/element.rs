@@ -57,7 +57,7 @@ impl fmt::Display for Element {
 }
 
 /// Returns the number in a text, which may have blanks around it. The text must be a decimal number with a point, for
-/// example `-23.5` or `2.35e1`. `None` for any other text, also for one with a comma or a unit.
+/// example `-23.5` or `2.35e1`. `None` for any other text, also for a text with a comma or a unit.
 pub fn number_in(text: &str) -> Option<f64> {
     let text = text.trim_matches([' ', '\t', '\r', '\n']);
     let is_part = |byte: u8| byte.is_ascii_digit() || matches!(byte, b'+' | b'-' | b'.' | b'e' | b'E');

@@ -136,7 +136,7 @@ impl Encoding {
             DataType::Bool => u64::MAX,
             DataType::Bit(bit) => 1 << bit,
             DataType::Part(part) => part.mask(),
-            // Sign and magnitude. The number of decimals beside them is no part of the value.
+            // Sign and magnitude. The number of decimals beside them is not a part of the value.
             DataType::Decimal24(_) => 0x10ff_ffff,
             data_type => u64::MAX >> (64 - data_type.width()),
         };

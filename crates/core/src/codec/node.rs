@@ -169,8 +169,8 @@ impl FromStr for NodeId {
             "s" if name.is_empty() => return Err(format!("`{text}` has no name after `s=`")),
             "s" => Identifier::Text(name.to_owned()),
             "g" if is_guid(name) => Identifier::Guid(name.to_ascii_lowercase()),
-            "g" => return Err(format!("`{name}` is no GUID")),
-            "b" if !is_base64(name) => return Err(format!("`{name}` is no Base64")),
+            "g" => return Err(format!("`{name}` is not a GUID")),
+            "b" if !is_base64(name) => return Err(format!("`{name}` is not Base64")),
             "b" if !ends_in_whole_bytes(name) => {
                 return Err(format!(
                     "`{name}` is not canonical Base64: the unused bits of its last character must be zero"
@@ -273,8 +273,8 @@ mod tests {
             ("i=-1", "not a number from 0 to 4294967295"),
             ("i=4294967296", "not a number from 0 to 4294967295"),
             ("ns=2;x=1", "allowed: i, s, g, b"),
-            ("g=09087e75", "no GUID"),
-            ("b=M/R", "no Base64"),
+            ("g=09087e75", "not a GUID"),
+            ("b=M/R", "not Base64"),
             ("b=QR==", "not canonical Base64"),
             ("b=QUF=", "not canonical Base64"),
             ("nsu=urn:plc", "no `;` with the name of a node"),

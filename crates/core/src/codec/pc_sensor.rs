@@ -118,7 +118,7 @@ fn one_wire(id: &str) -> Result<PcSensor, String> {
     let id = id.to_ascii_lowercase();
     if !is_rom_id(&id) {
         return Err(format!(
-            "`{id}` is no ROM id of a 1-Wire sensor: two digits, a dash, twelve digits; {FORM}"
+            "`{id}` is not a ROM id of a 1-Wire sensor: two digits, a dash, twelve digits; {FORM}"
         ));
     }
     let family = id.split('-').next().unwrap_or_default();
@@ -209,8 +209,8 @@ mod tests {
             ("iio:iio:device0/temp", "`iio:device0` is a number"),
             ("/sys/class/hwmon/hwmon3/temp1_input", "is a path"),
             ("28-0316a2794f01", "write \"w1:28-0316a2794f01\""),
-            ("w1:w1_bus_master1", "is no ROM id"),
-            ("w1:28-0316a2", "is no ROM id"),
+            ("w1:w1_bus_master1", "is not a ROM id"),
+            ("w1:28-0316a2", "is not a ROM id"),
             ("w1:29-0316a2794f01", "the family code 29"),
             ("hwmon:", "something is missing"),
             ("hwmon:lm75/", "something is missing"),

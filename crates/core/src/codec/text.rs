@@ -72,7 +72,7 @@ enum Part {
         decimals: Option<u8>,
         width: Option<u16>,
     },
-    /// Numbers in the line that are not used: this many.
+    /// This many numbers of the line, which are not used.
     Skip(u16),
     /// Any characters: exactly this many, or any number of them if `None`.
     Any(Option<u16>),

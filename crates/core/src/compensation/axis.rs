@@ -105,7 +105,7 @@ impl Axis {
         }
     }
 
-    /// Restores the state of an earlier run. A term that differs from the saved one starts without its saved state.
+    /// Restores the state of an earlier run. A term that differs from the saved term starts without its saved state.
     pub(super) fn recall(&mut self, remembered: &AxisMemory) {
         self.recall_preference(remembered.preference());
         for (model, lags) in self.settings.models.iter().zip(&mut self.lags) {
@@ -345,8 +345,8 @@ impl Axis {
         }
     }
 
-    /// Returns the time of the axis's next step: the next tick of its period, or the end of a hold if that is earlier.
-    /// `is_checked`: the operator checks the sign.
+    /// Returns the time of the axis's next step: the next tick of its period or, if earlier, the end of the time for
+    /// which the axis keeps its Cz after a fault. `is_checked`: the operator checks the sign.
     fn next_due(&self, now: Moment, is_checked: bool) -> Moment {
         // The operator waits at the machine: the axis moves as fast as it may.
         let period = if is_checked { self.settings.ramp_period() } else { self.period() };
@@ -410,7 +410,7 @@ impl Axis {
     fn fault_action(&self, now: Moment, at_once: bool) -> AxisState {
         let since = match self.state {
             AxisState::Ramping | AxisState::Zeroed => return self.returns_to_zero(),
-            // A value kept outside an envelope was no fault: the fault begins now.
+            // A value kept outside an envelope was not a fault: the fault begins now.
             AxisState::Holding(_) if self.kept_outside => now,
             // If time went back, the hold begins now, so that its end is not delayed.
             AxisState::Holding(since) => since.min(now),

@@ -43,7 +43,7 @@ impl Zeroing {
         Zeroing { models, until, at }
     }
 
-    /// Returns the datum of each model, and the end of a running capture (`None` if none is running), for saving.
+    /// Returns the datum of each model, and the end of a running capture (`None` if no capture is running), for saving.
     pub(super) fn kept(&self) -> (&[Level], Option<Moment>) {
         (&self.models, self.until)
     }
@@ -65,8 +65,7 @@ impl Zeroing {
         })
     }
 
-    /// Changes the datum of a model by this value of Cz, so that Cz increases by it. Nothing changes if the result is not
-    /// finite.
+    /// Changes the datum of a model so that its Cz increases by `by`, µm. Nothing changes if the result is not finite.
     pub(super) fn raise(&mut self, model: usize, by: f64) {
         let level = self.models.get_mut(model);
         let moved = level.and_then(|level| Some((Micron::new(level.cz.get() - by)?, level)));
@@ -105,7 +104,7 @@ impl Zeroing {
 }
 
 impl Level {
-    /// Returns the mean of the captured values; `None` if there are none or the mean is not finite.
+    /// Returns the mean of the captured values; `None` if no value was captured, or if the mean is not finite.
     fn mean(&self) -> Option<Outputs> {
         let count = f64::from(self.count);
         let mean = Outputs::of(self.sum.0 / count, self.sum.1 / count).ok()?;

@@ -40,7 +40,7 @@ pub struct Decision {
     pub state: AxisState,
     /// Limits of the axis (limit, deadband, step, rate, rounding) that changed the requested value.
     pub acted: Stages,
-    /// Reason why the preferred model cannot be used; `None` if it is used.
+    /// Reason why the preferred model cannot be used; `None` if the preferred model is used.
     pub lacks: Option<Unusable>,
     /// Sensor of the model in use whose reading is replaced by a stand-in (an estimate from other sensors); `None` if
     /// no reading is replaced.

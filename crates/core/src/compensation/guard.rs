@@ -44,7 +44,7 @@ impl Stages {
         self.0 & stage.0 == stage.0
     }
 
-    /// Returns the stages that are in either of the two sets.
+    /// Returns the stages that are in at least one of the two sets.
     pub(super) fn and(self, other: Stages) -> Stages {
         Stages(self.0 | other.0)
     }

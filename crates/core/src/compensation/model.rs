@@ -41,7 +41,7 @@ pub struct Model {
     pub name: String,
     /// Kind of the model.
     pub kind: Kind,
-    /// Region on which the model was identified, if the profile gives one.
+    /// Region on which the model was identified, if the profile states a region.
     pub envelope: Option<Envelope>,
     /// Residual error on runs that were not used to identify the model, if the profile gives it.
     pub expected: Option<Expected>,

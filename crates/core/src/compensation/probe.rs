@@ -131,7 +131,7 @@ impl Probe {
         }
     }
 
-    /// Restores the saved results, within the present bounds. A model that has changed since starts without a
+    /// Restores the saved results, within the present bounds. A model that has changed since then starts without a
     /// correction.
     pub(super) fn recall(&mut self, kept: &Probe, settings: &ProbeSettings) {
         for learned in &mut self.models {
@@ -155,7 +155,7 @@ impl Probe {
         }
     }
 
-    /// Returns the last probing, even if it was refused; `None` before the first.
+    /// Returns the last probing, even if it was refused; `None` before the first probing.
     pub fn last(&self) -> Option<&Probed> {
         self.last.as_ref()
     }

@@ -32,8 +32,8 @@ pub struct Machine {
     /// Running time of the machine before `on_since`. It was counted before a restart of the gateway.
     #[serde(default)]
     on_before: Duration,
-    /// Largest possible time since machine start in which the gateway did not run, so that it is not part of the
-    /// running time.
+    /// Largest possible total time, since machine start, during which the gateway did not run. This time is not part of
+    /// the running time.
     #[serde(default, skip_serializing_if = "Duration::is_zero")]
     on_away: Duration,
     was_on: Option<bool>,
@@ -48,7 +48,7 @@ pub struct Machine {
 /// them.
 #[derive(Clone, Copy, Debug, Default)]
 struct CaptureFacts {
-    /// Number of changes of the captured values since the gateway started. It wraps around.
+    /// Number of changes of the captured values since the gateway started. The number wraps around at its maximum.
     captures: u32,
     /// Whether no capture is running.
     is_complete: bool,
@@ -71,7 +71,7 @@ pub struct Capture {
     /// Whether the capture did not use the last reading, because the sensor was rejected.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     withheld: bool,
-    /// Largest possible time since the capture in which the gateway did not run.
+    /// Largest possible total time, since the capture, during which the gateway did not run.
     #[serde(default, skip_serializing_if = "Duration::is_zero")]
     away: Duration,
 }
@@ -120,7 +120,7 @@ impl Machine {
     }
 
     /// Returns the largest possible age of a captured reference, including the time in which the gateway did not run.
-    /// `None` for a fixed reference, and while none has been captured.
+    /// `None` for a fixed reference, and while no reference has been captured.
     pub fn age(&self, reference: Reference, signal: SignalId, now: Moment) -> Option<Duration> {
         let capture = match reference {
             Reference::Fixed(_) => return None,
@@ -286,7 +286,7 @@ impl Machine {
     }
 
     /// Discards the references of this signal, which are then captured again from the next snapshot on. Returns whether
-    /// at least one had been captured.
+    /// at least one of these references had been captured.
     pub(super) fn forget(&mut self, signal: SignalId) -> bool {
         let mut was_captured = false;
         for capture in [&mut self.start, &mut self.zero].into_iter().filter_map(|all| all.get_mut(signal.0)) {

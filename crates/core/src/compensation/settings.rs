@@ -14,8 +14,8 @@ pub use machine::MachineSettings;
 pub struct AxisSettings {
     /// Name of the axis in the profile.
     pub name: String,
-    /// Models in order of preference. The first one whose signals are all good is used. Empty before a model has been
-    /// identified.
+    /// Models in order of preference. The axis uses the first model whose signals are all good. Empty before a model
+    /// has been identified.
     pub models: Vec<Model>,
     /// Bounds of Cz and its changes.
     pub guard: GuardSettings,
@@ -123,8 +123,8 @@ pub struct GainSettings {
     pub limit: f64,
 }
 
-/// Two levels of |Cz|, as controls have them (Beckhoff TF5200: warn, error). With the limit of Cz: `warn` ≤ `limit` ≤
-/// `error`.
+/// Two levels of |Cz|, `warn` and `error`, as in controls (Beckhoff TF5200). The limit of Cz is between the levels:
+/// `warn` ≤ `limit` ≤ `error`.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Levels {
     /// Absolute value of Cz beyond which one warning is given; `None` for no warning.
@@ -159,7 +159,7 @@ pub struct InterceptSlope {
 }
 
 impl AxisSettings {
-    /// Returns the models of the profile: all models but the learned one.
+    /// Returns the models of the profile: all models except the learned model.
     pub fn own_models(&self) -> &[Model] {
         let own = self.learned.as_ref().map_or(self.models.len(), |slot| slot.model);
         self.models.get(..own).unwrap_or(&self.models)
@@ -178,8 +178,8 @@ impl AxisSettings {
         self.every.min(one_step.max(SHORTEST_PERIOD))
     }
 
-    /// Returns the time in which the fault action brings this Cz to zero, without its waiting time; zero if the action
-    /// keeps the value.
+    /// Returns the time that the fault action takes to bring this Cz to zero, not counting its waiting time. Zero if
+    /// the action keeps the value.
     pub fn time_to_rest(&self, cz: Micron) -> Duration {
         let period = self.ramp_period();
         let a_step_each = self.guard.step.get() / period.as_secs_f64();

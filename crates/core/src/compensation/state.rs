@@ -31,12 +31,12 @@ use crate::quantity::{Moment, Shift, Shifted};
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum AxisState {
-    /// The axis is not armed. It decides and writes nothing.
+    /// The axis is not armed. Nothing is decided or written for it.
     #[default]
     Off,
     /// The axis follows its preferred model.
     Active,
-    /// The axis follows a fallback model, because the preferred one cannot be used.
+    /// The axis follows a fallback model, because the preferred model cannot be used.
     Degraded,
     /// The axis has kept its last Cz since this moment.
     Holding(Moment),

@@ -40,7 +40,7 @@ pub struct RateFilter {
     jump: Option<Jump>,
 }
 
-/// Difference from the last value before a break that has not been accepted yet.
+/// Jump across a break of continuity: no value has been accepted since the break.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Jump {
     /// Last value before the break of continuity.

@@ -19,7 +19,7 @@ use crate::quantity::{Counts, Moment, shifted};
 pub(super) struct Applied {
     /// Register value, and the time when it was first known.
     value: Option<TimedValue>,
-    /// Time of the last read of the applied value. `None` if the register value has changed since.
+    /// Time of the last read of the applied value. `None` if the register value has changed since then.
     read_at: Option<Moment>,
     shown: AppliedState,
 }

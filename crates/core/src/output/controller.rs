@@ -40,7 +40,7 @@ use super::state_parts::ArmState;
 use super::{Action, Event, Fact, State, step};
 use crate::quantity::{Counts, Moment, Shift, Shifted, shifted};
 
-/// Capacity for the events of one input. One input never causes so many.
+/// Capacity for the events of one input. One input always causes fewer events.
 pub const MOST_EVENTS: usize = 24;
 
 /// Controller of one output. It contains the state of the register, and the state of its own decisions (policy).
@@ -459,8 +459,8 @@ impl Controller {
         }
     }
 
-    /// Records that a read of the applied value was not answered. This is not a trouble while the control is known to
-    /// apply the register value.
+    /// Records that a read of the applied value was not answered. The missing answer does not count as trouble while
+    /// the control is known to apply the register value.
     fn applied_no_answer(&mut self, asked: Moment) {
         self.policy.applied.no_answer(asked);
         if !self.policy.applied.is_applied() {

@@ -33,7 +33,7 @@ pub enum Fact {
         /// Whether the device answered that it has carried out the write. If not, the result is unknown.
         is_done: bool,
     },
-    /// The register was read, on request or together with others.
+    /// The register was read, on request or together with other registers.
     Read {
         /// Register value that was read.
         found: Counts,
@@ -80,7 +80,7 @@ pub enum Fact {
     Paused,
 }
 
-/// Originator of the arming of an output: the operator or the profile.
+/// Operator or profile that has armed an output.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Who {

@@ -59,8 +59,7 @@ pub enum Trouble {
     Unanswered,
     /// The device refused a write, or the register does not hold the written value.
     Untaken,
-    /// Trouble of [`Trouble::Untaken`] that has lasted for more than one turn (visit of the bus line's task to the
-    /// output).
+    /// The trouble [`Trouble::Untaken`] has lasted for more than one turn (visit of the bus line's task to the output).
     StillUntaken,
     /// The state of the output cannot be saved to disk.
     Disk,

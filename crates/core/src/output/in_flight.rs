@@ -20,10 +20,10 @@ use serde::{Deserialize, Serialize};
 use super::slots::Slots;
 use crate::quantity::{Counts, Moment, shifted};
 
-/// Largest number of writes to one register that may still arrive. At this number, the next write waits.
+/// Largest number of writes to one register that may still arrive. If this number is reached, the next write waits.
 pub const MOST_UNDER_WAY: usize = 8;
-/// Largest number of writes to one register that may still arrive or are still recognised. At this number, the next
-/// write waits.
+/// Largest number of writes to one register that may still arrive or are still recognised. If this number is reached,
+/// the next write waits.
 pub const MOST_REMEMBERED: usize = 24;
 
 /// Write of a value that may still arrive at the register.
@@ -192,7 +192,7 @@ impl InFlightWrites {
         self.under_way.retain(|sent| asked <= sent.left.after(late));
     }
 
-    /// Forgets the values that need no longer be recognised. Returns true if at least one was forgotten.
+    /// Forgets the values that need no longer be recognised. Returns true if at least one value was forgotten.
     pub(super) fn expire(&mut self, now: Moment) -> bool {
         let before = self.expired.len();
         self.expired.retain(|sent| sent.until > now);
@@ -231,7 +231,7 @@ impl InFlightWrites {
     }
 }
 
-/// Range of the values that may be sent now. Empty if the lowest is above the highest.
+/// Range of the values that may be sent now. The range is empty if its lowest value is above its highest value.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct SendRange {
     low: Counts,
@@ -244,7 +244,7 @@ impl SendRange {
         (self.low..=self.high).contains(&value)
     }
 
-    /// Returns the allowed value nearest to this one. `None` if the range is empty.
+    /// Returns the value of the range that is nearest to this value. `None` if the range is empty.
     pub fn nearest(self, value: Counts) -> Option<Counts> {
         (self.low <= self.high).then(|| value.clamp(self.low, self.high))
     }

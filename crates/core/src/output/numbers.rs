@@ -17,10 +17,10 @@
 
 use serde::{Deserialize, Serialize};
 
-/// Largest distance from the number that the control acknowledged last at which a number may come from an earlier run.
-/// The control itself must have set a number farther away.
+/// A number that is at most this far from the last acknowledged number may come from an earlier run. A number farther
+/// away can only come from the control itself.
 const REACH: u16 = 200;
-/// Number of possible set numbers: 1 to 65535. Zero is reserved for a control that has just been started.
+/// Count of possible set numbers: 1 to 65535. Zero is reserved for a control that has just been started.
 const ALL: u16 = u16::MAX;
 
 /// Possible numbers of the next output set. The control accepts one of them.

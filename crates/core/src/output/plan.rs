@@ -81,7 +81,7 @@ pub(super) fn act(state: &mut State, settings: &Settings, fresh: Option<Moment>,
 }
 
 /// Chooses the action if a request with the values of other outputs is sent. The register value is sent with them,
-/// unchanged. It is not sent if a late write could then be too far from it.
+/// unchanged. The register value is not sent if a late write could then be too far from it.
 pub(super) fn piggyback(state: &mut State, settings: &Settings, now: Moment) -> Action {
     let Some(seen) = state.verified.filter(|_| state.pending_action == PendingAction::Nothing) else {
         return Action::Nothing { until: Moment::END };
@@ -102,8 +102,8 @@ fn saves_only_what_it_must(state: &mut State, settings: &Settings) {
     state.disk.is_unsaved &= settings.promises() || has_to_begin;
 }
 
-/// Returns the value to send for the requested change, or the reason why none is sent. `None` if no change is requested
-/// or allowed.
+/// Returns the value to send for the requested change, or the reason why no value is sent. `None` if no change is
+/// requested or allowed.
 fn change(state: &State, settings: &Settings, now: Moment) -> Option<Aim> {
     let order =
         state.order.filter(|order| now <= order.not_after || !settings.rules.has(Rule::LastMoment))?;
@@ -254,8 +254,8 @@ fn repeats(state: &State, settings: &Settings, aim: Option<Aim>, now: Moment) ->
         && is_repeatable(state, settings, seen)
 }
 
-/// Returns whether the register value may be sent again. If a late write arrives after it, the register may change by
-/// one step at most.
+/// Returns whether the register value may be sent again. The condition is that a late write that arrives after it
+/// changes the register by one step at most.
 fn is_repeatable(state: &State, settings: &Settings, seen: TimedValue) -> bool {
     let room = state.copies.room(seen.value, settings.step, settings.step);
     room.contains(seen.value) || !settings.rules.has(Rule::NearCopies)

@@ -30,7 +30,7 @@ const DASHES_AGAIN: Duration = Duration::from_secs(10);
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct PositionController {
-    /// Time at which the position that was last written with Cz had been read.
+    /// Time at which the gateway read the last position that was written with Cz.
     corrected: Moment,
     inside: PositionCz,
     /// Time at which dashes were last written to the display. `None` while the display shows a position.
@@ -212,8 +212,8 @@ impl PositionController {
         self.corrected == read_at
     }
 
-    /// Decides about the latest position. `step` is the largest change of Cz, µm. Also returns an event, if one must be
-    /// reported.
+    /// Chooses the action for the latest position. `step` is the largest change of Cz, µm. Also returns an event if it
+    /// must be reported.
     pub fn next(
         &mut self,
         demand: &PositionDemand,
@@ -266,8 +266,8 @@ impl PositionController {
         }
     }
 
-    /// Records the result of the write that a turn (call of the controller) has requested. Returns an event, if one
-    /// must be reported.
+    /// Records the result of the write that a turn (call of the controller) has requested. Returns an event if it must
+    /// be reported.
     pub fn result(&mut self, turn: &PositionTurn, now: Moment) -> Option<PositionEvent> {
         let (cz, at) = match (turn.action, turn.demand.decision) {
             (PositionAction::Correct(cz), Some(decision)) => (cz, decision.at),

@@ -11,8 +11,8 @@ use serde::{Deserialize, Serialize};
 
 use crate::quantity::{Counts, Moment, shifted};
 
-/// Largest number of sets that are sent before a late write of an older set arrives: ten per second, for more than a
-/// minute. A number that is lower by more than this is not from such a write.
+/// Largest number of sets that are sent before a late write of an older set arrives: ten sets per second, for more than
+/// a minute. A number that is lower by more than this does not come from a late write.
 const LATELY: u16 = 1024;
 
 /// Number of an output set, as the register of the number shows it. The number counts the sets that were sent.
@@ -20,7 +20,7 @@ const LATELY: u16 = 1024;
 pub(super) struct Sequence {
     /// Latest number that the register has held, and the values of the output set at that time.
     newest: Option<(u16, Vec<Counts>)>,
-    /// Time since when the register has held an older number.
+    /// Time since which the register has held an older number.
     older_since: Option<Moment>,
 }
 
@@ -70,7 +70,7 @@ impl Sequence {
 
 shifted!(Sequence: older_since);
 
-/// Returns the next number. Zero is reserved for a control that has just been started.
+/// Returns the number after `number`. Zero is reserved for a control that has just been started.
 fn next(number: u16) -> u16 {
     number.checked_add(1).unwrap_or(1)
 }

@@ -224,7 +224,8 @@ impl SetController {
         };
     }
 
-    /// Waits until the acknowledge signal is down. A signal that rises after that belongs to the next strobe signal.
+    /// Waits until the acknowledge signal is down. An acknowledge signal that rises after that belongs to the next
+    /// strobe signal.
     fn clear(&mut self, settings: &SetSettings, reason: Reason, now: Moment) {
         let Some(timeout) = settings.timeout.filter(|_| !self.demand.is_leaving) else {
             self.phase = Phase::Read(NextPhase::Judge(reason));

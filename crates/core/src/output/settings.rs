@@ -29,7 +29,8 @@ pub struct Settings {
     pub is_shared: bool,
     /// Way in which a write is verified.
     pub verify: Verify,
-    /// Applied value that the control reports in another register, if there is one.
+    /// Settings of the applied value that the control reports in another register. `None` if the control does not
+    /// report it.
     #[serde(default)]
     pub applied: Option<AppliedSettings>,
     /// Active rules of [`step`](super::step). All are active, except in tests that show what each rule prevents.
@@ -78,7 +79,7 @@ pub struct AppliedSettings {
 pub enum Verify {
     /// The gateway reads the register after the write.
     Reading,
-    /// The answer of the device to the write is sufficient. The register cannot be read, or is not to be read.
+    /// The answer of the device to the write is sufficient. The register cannot be read, or must not be read.
     Echo,
 }
 

@@ -46,7 +46,7 @@ pub struct State {
     #[serde(flatten)]
     pub(super) disk: DiskState,
     /// Time until which late writes of a previous run may arrive, if that run was not stopped cleanly. The register is
-    /// written only after it was read later than this. `None` in all other cases.
+    /// written only after a read later than this time. `None` in all other cases.
     pub(super) settles_at: Option<Moment>,
     /// Earliest time of a read that may prove that a write had not arrived yet. Before this time, writes of the
     /// previous run may still arrive.
@@ -264,7 +264,7 @@ impl State {
         self.answered.is_some()
     }
 
-    /// Returns the last acknowledged register value, or else the last verified one.
+    /// Returns the last acknowledged register value, or else the last verified value.
     pub(super) fn acknowledged(&self) -> Option<Counts> {
         self.answered.or(self.verified.map(|verified| verified.value))
     }
@@ -281,7 +281,7 @@ impl State {
         self.promised.is_some()
     }
 
-    /// Returns the time until which earlier writes, of this run or the previous one, can delay a change. `None` if no
+    /// Returns the time until which earlier writes, of this run or the previous run, can delay a change. `None` if no
     /// earlier write can delay a change.
     pub fn waits_until(&self, settings: &Settings) -> Option<Moment> {
         self.copies.all_over(settings.late).into_iter().chain(self.settles_at).max()

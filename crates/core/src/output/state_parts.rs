@@ -71,7 +71,8 @@ impl RequiredRead {
         self == RequiredRead::PendingAfterRestart
     }
 
-    /// Requires a read. A restart since the last read remains known.
+    /// Requires a read before the next decision. If a restart of the CNC since the last read was recorded, it stays
+    /// recorded.
     pub(super) fn request(&mut self) {
         if *self == RequiredRead::None {
             *self = RequiredRead::Pending;

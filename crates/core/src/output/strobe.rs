@@ -39,13 +39,13 @@ pub struct Strobe {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum StrobeLevel {
-    /// The level is unknown, because an earlier run may have left the strobe signal up. It is dropped before the first
-    /// write.
+    /// The level is unknown, because an earlier run may have left the strobe signal up. The strobe signal is dropped
+    /// before the first write.
     #[default]
     Unknown,
     /// The strobe signal is down.
     Down,
-    /// The strobe signal is up, or may be. It is reset as soon as the device can be reached.
+    /// The strobe signal is up, or may be up. It is reset as soon as the device can be reached.
     Up,
 }
 
@@ -175,7 +175,8 @@ impl Strobe {
         Some(AcknowledgeResult::Missing(what))
     }
 
-    /// Records a failure. Returns true if it must be reported, because another failure, or none, was reported last.
+    /// Records a failure. Returns true if it must be reported, because it differs from the failure that was reported
+    /// last.
     pub(super) fn fails(&mut self, fault: HandshakeFault) -> bool {
         self.reported.replace(fault) != Some(fault)
     }

@@ -303,7 +303,8 @@ fn restarted(state: &mut State, settings: &Settings, now: Moment) {
     }
 }
 
-/// Handles a write that was sent. `answered` is the time of its answer as done, or `None` if its result is unknown.
+/// Handles a write that was sent. `answered` is the time at which the device answered that it has carried out the
+/// write, or `None` if the result is unknown.
 fn written(state: &mut State, settings: &Settings, answered: Option<Moment>, left: Moment, now: Moment) {
     let PendingAction::Writing { value, begun, read } = state.pending_action else { return };
     state.pending_action = PendingAction::Nothing;

@@ -17,8 +17,8 @@ use serde::{Deserialize, Serialize};
 
 use super::{FormerPlace, OutputPlace};
 
-/// Bounds within which the gateway changes an output. They are stored, so that its register can be released after the
-/// output was removed.
+/// Bounds within which the gateway changes an output. They are stored, so that the register of a removed output can be
+/// released.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Bounds {
@@ -30,10 +30,10 @@ pub struct Bounds {
     pub rate_um_per_s: f64,
     /// Time between two updates, s.
     pub every_s: f64,
-    /// Condition in the profile under which the output may be written; `None` if there is none.
+    /// Condition in the profile under which the output may be written; `None` if the profile has no such condition.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub when: Option<String>,
-    /// Reason why the gateway cannot change the register alone; `None` if it can.
+    /// Reason why the gateway cannot change the register alone; `None` if the gateway can change it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub obstacle: Option<Obstacle>,
 }
@@ -103,7 +103,7 @@ pub struct Release {
     pub bounds: Bounds,
     /// Cz of the register that the operator saw when requesting the release, µm.
     pub from_um: f64,
-    /// Operator offset of a shared register that the operator saw when requesting the release, in the unit of the
+    /// For a shared register: the operator offset that the operator saw when requesting the release, in the unit of the
     /// register.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub operator: Option<f64>,

@@ -21,7 +21,7 @@ pub enum Cell<'a> {
 /// Words of programs for an empty cell.
 const ABSENT: [&str; 7] = ["<na>", "nat", "nan", "null", "(null)", "none", "."];
 
-/// Words of people, spreadsheets and historians for a value that is not available.
+/// Words that people, spreadsheets and data-logging servers write for a value that is not available.
 const UNAVAILABLE: [&str; 21] = [
     "na",
     "n/a",

@@ -50,12 +50,12 @@ pub struct Dialect {
     zone: Option<TimeZone>,
     /// Decimal mark that the operator has stated; `None` if the numbers decide.
     stated: Option<DecimalMark>,
-    /// Decimal mark of the first number that has one, and this number as text. All later numbers must have the same
-    /// mark.
+    /// Decimal mark of the first number with a decimal mark, and this number as text. All later numbers must have the
+    /// same mark.
     first: Option<(DecimalMark, String)>,
     /// Whether a number of the file has both marks, so that one of them separates thousands.
     has_thousands: bool,
-    /// Whether the first rows do not show if a comma or point before three digits is a decimal mark.
+    /// Whether the first rows do not show whether a comma or point before three digits is a decimal mark.
     is_unclear: bool,
     /// Order of day and month; `None` if it is not known.
     dates: Option<DateOrder>,
@@ -116,8 +116,8 @@ impl Dialect {
     }
 
     /// Learns from the cells of the first rows, by column, whether a comma or point before three digits separates
-    /// thousands. In a column with `900` and `1.200`, the point may separate thousands. If another number, for example
-    /// `20.5`, shows that the point is the decimal mark, then it does not.
+    /// thousands. In a column with `900` and `1.200`, the point may separate thousands. But if another number, for
+    /// example `20.5`, shows that the point is the decimal mark, the point separates nothing.
     pub fn learn_marks<'a>(&mut self, rows: impl Iterator<Item = Vec<&'a str>>) {
         if self.separator == b',' || self.stated.is_some() {
             return;
@@ -354,7 +354,7 @@ fn has_groups(text: &str, sign: char) -> bool {
     let is_group = |group: &str, lengths: std::ops::RangeInclusive<usize>| {
         lengths.contains(&group.len()) && group.bytes().all(|byte| byte.is_ascii_digit())
     };
-    // `0.123` is no thousand.
+    // `0.123` does not contain thousands.
     let first = groups.next().unwrap_or_default();
     is_group(first, 1..=3) && !first.starts_with('0') && groups.all(|group| is_group(group, 3..=3))
 }
@@ -381,7 +381,9 @@ fn by_mark(text: &str, mark: DecimalMark) -> Result<Cow<'_, str>, String> {
             true => format!(": is the decimal mark --decimal {other}?"),
             false => String::new(),
         };
-        return Err(format!("`{text}` is no number with a decimal {name} and groups of three digits{hint}"));
+        return Err(format!(
+            "`{text}` is not a number with a decimal {name} and groups of three digits{hint}"
+        ));
     }
     Ok(Cow::Owned(read))
 }

@@ -230,8 +230,8 @@ impl TimeColumns {
         Some(TimeColumns { time, date, unit: stated.unwrap_or(unit), is_stated, is_in_utc })
     }
 
-    /// Returns the unit of the numbers in the time column, after the first of them is known. Numbers of this century
-    /// under a name such as `Datum` or `timestamp` are days of a spreadsheet.
+    /// Returns the unit of the numbers in the time column. `first` is the first of these numbers. Numbers of this
+    /// century under a name such as `Datum` or `timestamp` are days of a spreadsheet.
     #[must_use]
     pub fn unit_of(&self, name: &str, first: &str) -> TimeUnit {
         let is_dated = NAMED_FOR_DATES.iter().any(|word| name.to_lowercase().contains(word));

@@ -6,7 +6,8 @@ use std::fmt;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Status(pub u32);
 
-/// Codes that clients receive when they read, write or subscribe, as numbered in Part 6 of the specification.
+/// Status codes that clients receive when they read, write or subscribe, with their names. The numbers are those in
+/// Part 6 of the specification.
 const NAMES: [(u32, &str); 116] = [
     (0x0000, "Good"),
     (0x002f, "GoodOverload"),

@@ -9,7 +9,7 @@ use crate::compensation::reference::Machine;
 use crate::compensation::settings::{Datum, ProbeSettings};
 use crate::compensation::{Permit, Snapshot};
 
-/// Value that keeps Cz when another model is preferred.
+/// Values that keep Cz the same when another model becomes the preferred model.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 struct KeptCz {
     /// Offset of the new model, µm.
@@ -138,8 +138,8 @@ impl Axis {
         }
     }
 
-    /// Returns the values with which another model requests the same Cz as the model in use. `None` if there are none:
-    /// a model has no value or is outside its envelope, or the offset would exceed the limit of the probe.
+    /// Returns the values with which another model requests the same Cz as the model in use. `None` if there are no
+    /// such values: a model has no value or is outside its envelope, or the offset would exceed the limit of the probe.
     fn keeping_cz(
         &self,
         to: usize,

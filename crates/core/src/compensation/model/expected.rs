@@ -24,7 +24,7 @@ pub struct Growth {
 
 impl Expected {
     /// Returns the standard deviation of the error after these times. After a probing, this is the smaller of the two
-    /// values. `None` if it is not finite.
+    /// deviations. `None` if it is not finite.
     pub fn after(&self, since_datum: Duration, since_touch: Option<Duration>) -> Option<Micron> {
         let from_datum = self.since_datum.after(since_datum);
         let from_touch = self.since_touch.zip(since_touch).map(|(growth, span)| growth.after(span));

@@ -78,7 +78,7 @@ pub struct Lag {
 pub struct Lagged {
     /// Time for which `input` and `follower` are valid.
     at: Moment,
-    /// Last usable reading of the sensor. The next step assumes a straight line from this reading to the next one.
+    /// Last usable reading of the sensor. The next step assumes a straight line from this reading to the next reading.
     input: f64,
     /// Lagged temperature y.
     follower: f64,
@@ -111,7 +111,8 @@ impl Lag {
     }
 
     /// Handles a machine start. Resets a lag that is measured from machine start, if the reference of the previous
-    /// start was never captured. Every other such lag is reset when the new reference is captured.
+    /// start was never captured. Every other lag that is measured from machine start is reset when the new reference is
+    /// captured.
     pub(in crate::compensation) fn started(&mut self, input: &Input) {
         let is_captured = self.lagged.is_some_and(|lagged| lagged.captured != Moment::default());
         if input.reference == Reference::Start && !is_captured {
@@ -121,7 +122,7 @@ impl Lag {
 
     /// Updates the lag with this snapshot. A reading that cannot be used is skipped. The temperature is then assumed to
     /// change along a straight line up to the next usable reading.
-    #[allow(clippy::inline_always, reason = "called for each lag of each step; takes most of its time")]
+    #[allow(clippy::inline_always, reason = "called for each lag of each step; takes most of a step's time")]
     #[inline(always)]
     pub fn follow(&mut self, input: &Input, snapshot: &Snapshot<'_>, machine: &Machine) {
         let Some(constant) = input.lag else { return };
@@ -283,7 +284,7 @@ fn bend(x: f64) -> f64 {
 mod tests {
     use super::*;
 
-    /// Returns both factors by their series, to the last digit.
+    /// Returns the two factors of [`long`] from their power series, to the last digit.
     fn exact(share: f64) -> (f64, f64) {
         let (mut term, mut gone) = (share, share);
         let (mut part, mut along) = (share / 2.0, share / 2.0);

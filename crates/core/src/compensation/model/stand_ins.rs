@@ -116,7 +116,7 @@ impl StandIns {
         self.fingerprint
     }
 
-    /// Returns the sensors with a prediction in the order of the file, each with the faults in which its stand-in is
+    /// Returns the sensors with a prediction in the order of the file, each with the faults for which its stand-in is
     /// used.
     pub fn watched(&self) -> impl Iterator<Item = (SignalId, Replaces)> + '_ {
         self.sensors.iter().map(|sensor| (sensor.signal, sensor.replaces))

@@ -68,12 +68,13 @@ impl Certainty {
         }
     }
 
-    /// Returns the time of the last accepted probing; `None` if there is none since the datum (zero point).
+    /// Returns the time of the last accepted probing; `None` if no probing was accepted since the datum (zero point).
     pub(super) fn touched(&self) -> Option<Moment> {
         self.touched
     }
 
-    /// Returns the variance P of the correction at this probing, µm². `walk`: its increase in each hour, µm²/h.
+    /// Returns the variance P of the correction at this probing, µm². `walk`: increase of the variance in each hour,
+    /// µm²/h.
     fn variance(&self, walk: f64, occasion: Occasion) -> f64 {
         let since = self.touched.map_or(occasion.since_datum, |touched| occasion.now.since(touched));
         let grown = self.variance.unwrap_or(0.0) + walk * since.as_secs_f64() / 3600.0;

@@ -34,7 +34,7 @@ impl ErrorScale {
         ErrorScale { ratios: VecDeque::with_capacity(KEPT) }
     }
 
-    /// Restores the saved touches. A ratio that is not a positive number is skipped.
+    /// Restores the saved touches. A saved value that is not a positive number is skipped.
     pub(super) fn recall(&mut self, kept: &ErrorScale) {
         self.ratios.clear();
         let skipped = kept.ratios.len().saturating_sub(KEPT);

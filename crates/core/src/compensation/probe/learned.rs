@@ -117,8 +117,8 @@ impl Learned {
         self.offset = if offset.is_nan() { self.offset } else { offset };
     }
 
-    /// Returns the time of the last accepted probing. `None` if there is none, or if the offset has reached its limit
-    /// and may be too small.
+    /// Returns the time of the last accepted probing. `None` if no probing was accepted, or if the offset has reached
+    /// its limit and may be too small.
     pub(in crate::compensation) fn touched(&self, settings: &ProbeSettings) -> Option<Moment> {
         self.certainty.touched().filter(|_| self.offset.abs() < settings.limit.get())
     }

@@ -47,7 +47,7 @@ impl MeasuredReport {
     /// Creates a report with the `time` and the `id` of the measurement as text.
     ///
     /// # Errors
-    /// Returns a message that says how to write `time` or `id`. It contains nothing of the report.
+    /// Returns a message that says how to write `time` or `id`. The message contains no text from the report.
     pub fn new(error_um: f64, time: Option<&str>, id: Option<&str>) -> Result<MeasuredReport, String> {
         let time = time.map(MeasuredReport::time).transpose()?;
         let id = id.map(MeasuredReport::id).transpose()?;
@@ -151,7 +151,7 @@ impl fmt::Display for Rejected {
             ),
             Rejected::Forgotten(time) => write!(
                 f,
-                "the measurement of {time} may have been accepted before: {KEPT} others were accepted after \
+                "the measurement of {time} may have been accepted before: {KEPT} other measurements were accepted after \
                  it; measure again"
             ),
             Rejected::BeforeDatum { time, datum } => write!(

@@ -57,7 +57,7 @@ pub(super) struct Sensor {
 /// sensor.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 struct Recovery {
-    /// Whether the reading has changed since the sensor froze, or is back after a loss.
+    /// Whether the reading has changed since the sensor froze, or readings are back after a loss.
     moved: bool,
     /// Time since which the reading agrees with the prediction again; `None` if the reading does not agree.
     agrees: Option<Moment>,

@@ -60,7 +60,7 @@ impl Onnx {
     /// names are relative to the directory of the ONNX file, and stay in it.
     ///
     /// # Errors
-    /// Returns a message if the bytes are no ONNX file, or if a name leads out of the directory.
+    /// Returns a message if the bytes are not an ONNX file, or if a name leads out of the directory.
     pub fn external_files(bytes: &[u8]) -> Result<Vec<String>, String> {
         check_frame(bytes)?;
         Ok(external::files(bytes)?.into_iter().collect())
@@ -71,8 +71,8 @@ impl Onnx {
     /// the size of its input open.
     ///
     /// # Errors
-    /// Returns a message if the bytes are no ONNX file, an operator is not supported, or external data is missing. Also
-    /// if the graph does not compute one number from one row of numbers.
+    /// Returns a message if the bytes are not an ONNX file, an operator is not supported, or external data is missing.
+    /// Also if the graph does not compute one number from one row of numbers.
     pub fn with_external(bytes: &[u8], external: &ExternalFiles, inputs: usize) -> Result<Onnx, String> {
         check_frame(bytes)?;
         let standard::Rewritten { bytes, columns } =
@@ -114,8 +114,8 @@ impl Onnx {
         }
     }
 
-    /// Returns the names of the inputs, if the file has one input tensor for each of them. Empty if it has one input
-    /// tensor.
+    /// Returns the names of the inputs, if the file has one input tensor for each of them. Empty if the file has a
+    /// single input tensor for all inputs.
     pub fn columns(&self) -> &[String] {
         &self.columns
     }
@@ -156,7 +156,7 @@ fn check_frame(bytes: &[u8]) -> Result<(), String> {
     if frame::is_whole(bytes) {
         return Ok(());
     }
-    Err("this is no ONNX file, or the file is incomplete: export the network again".to_owned())
+    Err("this is not an ONNX file, or the file is incomplete: export the network again".to_owned())
 }
 
 /// Runs code of the ONNX runtime, and returns a panic as an error. A file may be invalid in a way that the runtime does

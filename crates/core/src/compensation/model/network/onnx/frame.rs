@@ -114,12 +114,12 @@ pub(super) fn parts(message: &[u8], wanted: u64) -> impl Iterator<Item = &[u8]> 
     })
 }
 
-/// Returns the last content of this field as text; an empty text if the field is missing or no UTF-8.
+/// Returns the last content of this field as text; an empty text if the field is missing or is not UTF-8.
 pub(super) fn last_text(message: &[u8], wanted: u64) -> &str {
     parts(message, wanted).last().map(text).unwrap_or_default()
 }
 
-/// Returns the bytes as text; an empty text if they are no UTF-8.
+/// Returns the bytes as text; an empty text if the bytes are not UTF-8.
 pub(super) fn text(bytes: &[u8]) -> &str {
     std::str::from_utf8(bytes).unwrap_or_default()
 }

@@ -13,7 +13,7 @@ use super::frame::{Field, Fields, last_text, parts, raw_fields, text};
 use super::operators::SUPPORTED;
 use crate::compensation::model::network::WIDEST;
 
-/// Domain of the operators for models that are no neural networks.
+/// Domain of the operators for models that are not neural networks.
 const CLASSICAL: &str = "ai.onnx.ml";
 
 /// Name of the input tensor that replaces several input tensors of one number each.
@@ -275,7 +275,9 @@ fn linear_regressor(node: &Node<'_>) -> Result<Replacement, String> {
         )));
     }
     if !matches!(node.text("post_transform"), "" | "NONE") {
-        return Err(node.refused("transforms its output to probabilities: export a regressor without that"));
+        return Err(node.refused(
+            "transforms its output to probabilities: export a regressor without this transformation",
+        ));
     }
     let width = coefficients.len() / targets;
     // The file has one row of coefficients for each output, a matrix multiplication one column.
@@ -296,7 +298,7 @@ fn linear_regressor(node: &Node<'_>) -> Result<Replacement, String> {
     Ok(replacement)
 }
 
-/// Scaler: `y = (x − offset) · scale`, with one number for each column or one for all.
+/// Scaler: `y = (x − offset) · scale`, with one number for each column, or one number for all columns.
 fn scaler(node: &Node<'_>) -> Result<Replacement, String> {
     let (offset, scale) = (node.floats("offset"), node.floats("scale"));
     if offset.is_empty() || offset.len() != scale.len() {

@@ -67,7 +67,7 @@ fn what_is_no_network_of_one_number_is_refused() {
         (pair, "the output of the network has 2 numbers"),
         (sine, "Sin"),
         (Vec::new(), "the file is incomplete"),
-        (b"no network".to_vec(), "this is no ONNX file"),
+        (b"no network".to_vec(), "this is not an ONNX file"),
     ] {
         let why = Onnx::new(bytes, 2).unwrap_err();
         assert!(why.contains(words), "{why}");

@@ -64,7 +64,7 @@ fn a_file_without_external_data_names_no_file() {
     let whole = model(&[node("Neg", &["x"], "y")], &[], Some(1));
     assert!(Onnx::external_files(&whole).unwrap().is_empty());
     let why = Onnx::external_files(b"no network").unwrap_err();
-    assert!(why.contains("this is no ONNX file"), "{why}");
+    assert!(why.contains("this is not an ONNX file"), "{why}");
 }
 
 #[test]
