@@ -5,8 +5,8 @@
 //! ASCII   ':', two hexadecimal digits for each byte of unit, function, data, LRC, then carriage return and line feed
 //! ```
 //!
-//! Code for RTU therefore also serves ASCII: it recognises answers by the unit (address of the device), length and
-//! checksum in the same way.
+//! Code for RTU therefore also serves ASCII: it recognises answers by unit, length and checksum in the same way. The
+//! unit is the address of the device.
 
 use super::checksum;
 

@@ -1,4 +1,5 @@
-//! CAN frames and their identifiers.
+//! CAN frames and their identifiers. An identifier has 11 bits (standard) or 29 bits (extended). A frame is classic or
+//! CAN FD.
 
 use std::fmt;
 

@@ -1,4 +1,5 @@
-//! Encoding of a value: type, word order, scale, offset, bias and sentinels.
+//! Encoding of a value: type, word order, scale, offset, bias and sentinels. A sentinel is a raw value that means "no
+//! measurement".
 
 use std::fmt;
 

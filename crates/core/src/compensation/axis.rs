@@ -1,4 +1,5 @@
-//! One axis: its models, the limiters of Cz and slope (guards), and its state.
+//! One axis: its models, the limiters of Cz and slope (guards), and its state. Cz is the compensation value, which is
+//! added to the position of the axis. The slope is the part of Cz that is proportional to the position.
 
 use std::time::Duration;
 

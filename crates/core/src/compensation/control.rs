@@ -1,4 +1,5 @@
 //! Control: everything besides the readings that an axis needs for one step, for example whether it may write.
+//! Elsewhere, a control is usually a CNC.
 
 use serde::{Deserialize, Serialize};
 

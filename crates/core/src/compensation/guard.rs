@@ -1,5 +1,5 @@
 //! Limiter between a model and a register (the guard): the stages limit → deadband → step → rate → whole counts, which
-//! bound each change of the offset.
+//! bound each change of the offset. The offset is Cz, the compensation value of an axis, or the effect of its slope.
 //!
 //! Each stage reports if it changed the value. The limiter stores two numbers: the offset in µm, and the decided offset
 //! in whole counts. With the counts alone, a rate of less than one count per update would never change the offset.

@@ -1,5 +1,5 @@
-//! Models, which compute a raw Cz from a snapshot of the machine. Each kind is one file with an implementation of
-//! [`Evaluate`], and one line in `Kind::model`.
+//! Models, which compute a raw Cz (compensation value of an axis) from a snapshot of the machine. Each kind is one file
+//! with an implementation of [`Evaluate`], and one line in `Kind::model`.
 
 pub mod envelope;
 pub mod network;

@@ -1,4 +1,5 @@
-//! Settings of the machine and its axes, from the profile.
+//! Settings of the machine and its axes, from the profile. Cz is the compensation value of an axis. A probing measures
+//! the error that remains.
 
 use std::time::Duration;
 

@@ -1,4 +1,5 @@
-//! Input of the controller of an output: the demand of the axis, and the results of exchanges.
+//! Input of the controller of an output: the demand of the axis, and the results of exchanges. A turn is the work of
+//! the bus line's task on one output.
 
 use serde::{Deserialize, Serialize};
 

@@ -1,4 +1,5 @@
-//! Events of an output, for messages.
+//! Events of an output, for messages. The value of a shared register has two parts: the operator offset and the gateway
+//! share.
 
 use std::fmt;
 

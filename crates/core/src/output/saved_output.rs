@@ -1,4 +1,5 @@
-//! State of an output that is saved on disk, because it must survive the end of the process.
+//! State of an output that is saved on disk, because it must survive the end of the process. A promise is a value that
+//! is saved before the gateway sends it.
 
 use serde::{Deserialize, Serialize};
 

@@ -1,4 +1,5 @@
-//! Input and actions of the controller of an output set ([`SetController`](super::SetController)).
+//! Input and actions of the controller of an output set ([`SetController`](super::SetController)). An output set is a
+//! group of outputs that are written together.
 
 use std::time::Duration;
 

@@ -1,4 +1,4 @@
-//! Settings of an output, in whole counts of its register.
+//! Settings of an output, in whole counts of its register. A shared register also contains an offset of the operator.
 
 use std::time::Duration;
 

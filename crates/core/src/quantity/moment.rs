@@ -1,4 +1,4 @@
-//! Points in time.
+//! Points in time, in nanoseconds since the Unix epoch.
 
 use std::fmt;
 use std::time::Duration;

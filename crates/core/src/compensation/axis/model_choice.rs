@@ -1,4 +1,5 @@
-//! Selection of the model that an axis follows, and of the value that the model requests.
+//! Selection of the model that an axis follows, and of the value that the model requests. The models after the
+//! preferred model are its fallbacks.
 
 use super::Axis;
 use crate::compensation::model::envelope::agreed;

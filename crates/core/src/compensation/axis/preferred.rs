@@ -1,4 +1,5 @@
 //! Order of an axis's models, and changes of the preferred model. At such a change, the Cz of the axis stays the same.
+//! The preferred model is a model of the profile, or the learned model in the slot (a model whose gains are learned).
 
 use super::Axis;
 use super::model_choice::ModelChoice;

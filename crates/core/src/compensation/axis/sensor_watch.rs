@@ -1,4 +1,5 @@
-//! Sensors of an axis's models that are rejected, and the stand-ins that replace them.
+//! Sensors of an axis's models that are rejected, and the stand-ins that replace them. A stand-in is an estimate from
+//! other sensors. A watch checks the sensors of one model.
 
 use super::Axis;
 use super::model_choice::ModelRequest;

@@ -1,4 +1,5 @@
-//! State of one sensor that a watch checks.
+//! State of one sensor that a watch checks. A watch detects frozen and lost sensors, and estimates stand-ins for their
+//! readings from other sensors, the predictors.
 
 use std::time::Duration;
 
