@@ -289,7 +289,7 @@ fn a_displacement_in_millimetres_is_refused_unless_it_is_converted() {
     let refused = report("z_mm", &["--displacement", "z_mm"]);
     assert_eq!(refused.status.code(), Some(1));
     let said = String::from_utf8_lossy(&refused.stderr).into_owned();
-    assert!(said.contains("z_mm is in mm by its name or unit"), "{said}");
+    assert!(said.contains("z_mm is in mm according to its name or unit"), "{said}");
     let converted = report("z_um [mm]", &[]);
     let said = String::from_utf8_lossy(&converted.stdout).into_owned();
     assert!(said.contains("z_um moved by 5.90 µm"), "{said}");

@@ -6,8 +6,8 @@
 //! cargo run -p isotherm-identify --example fleet -- keep mill-2.toml mill-2/*.csv > mill-2.products.json
 //! cargo run -p isotherm-identify --example fleet -- learn mill-1.products.json mill-2.products.json
 //! ```
-//! Only the product files leave the machines, not the logs. The profiles have one axis, and the error is
-//! `<axis>_error_um`.
+//! Only the product files leave the machines, not the logs. Each profile must have exactly one axis. The measured error
+//! is in the log column `<axis>_error_um`.
 
 #![allow(clippy::print_stdout, clippy::print_stderr, reason = "an example prints its results")]
 
@@ -66,7 +66,8 @@ fn learn(files: &[PathBuf]) -> Result<String, String> {
     let shown = |left: Option<f64>| left.map_or("-".to_owned(), |left| format!("{left:.2}"));
     for run in &model.runs {
         eprintln!(
-            "{} {}: RMS {:.2} µm uncompensated, {} µm by the other runs, {} µm by the other machines",
+            "{} {}: RMS error {:.2} µm uncompensated, {} µm with a model from the other runs, {} µm with a \
+             model from the other machines",
             run.machine,
             run.run,
             run.uncompensated_rms_um,

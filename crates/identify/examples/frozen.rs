@@ -1,11 +1,12 @@
-//! Test of the gateway's step with frozen sensors on two public records: false alarms, time to detection, and cost.
-//! Model, stand-ins and envelope are identified from the other runs.
+//! Simulates frozen sensors on two public data sets. The example runs the compensation step of the gateway over the
+//! logs. It prints the false alarms, the time to detection, and the growth of the error range. The model, its stand-ins
+//! (estimates that replace a sensor) and its envelope (valid range of the inputs) are identified from the other runs.
 //!
 //! ```text
 //! cargo run --release -p isotherm-identify --example frozen -- --mill runs/c*.csv --stage runs/day*.csv
 //! ```
 //!
-//! The records are those of the example `held_out`. The exit status is 1 if a limit is missed.
+//! The head of the example `held_out` describes the data sets. The exit status is 1 if a result is outside its limit.
 
 #![allow(
     clippy::unwrap_used,
@@ -33,12 +34,12 @@ use record::{machine, mean};
 
 mod record;
 
-/// Maximum accepted growth of the range of the error when a sensor freezes, in percent: mean over sensors and channels
-/// of a record.
+/// Maximum accepted growth of the error range when one sensor freezes, in percent. The growth is the mean over all
+/// sensors and error channels of a data set.
 const GROWTH: f64 = 8.0;
 /// Maximum accepted median of the time from the freeze of a sensor to its detection, min.
 const FOUND: f64 = 240.0;
-/// Number of times at which each sensor freezes in each run.
+/// Number of simulated freezes of each sensor in each run. Each freeze begins at another random row.
 const TIMES: usize = 2;
 
 fn main() -> ExitCode {
@@ -56,15 +57,15 @@ fn main() -> ExitCode {
 
 /// Result of one simulated freeze of a sensor.
 struct Case {
-    /// Minutes from the freeze until the sensor was suspected; `None` if it was not suspected.
+    /// Minutes from the freeze until the sensor was suspected to be frozen; `None` if it was never suspected.
     found: Option<f64>,
     /// Whether a stand-in (an estimate from other sensors) replaced the sensor.
     replaced: bool,
-    /// Range of the error with the frozen sensor, divided by the range without the freeze.
+    /// Error range with the frozen sensor, divided by the error range without the freeze.
     growth: f64,
 }
 
-/// Prints the results of one data set (record). Returns whether they are within their limits.
+/// Simulates the freezes on one data set, and prints the results. Returns whether all results are within their limits.
 fn record(name: &str, files: &[PathBuf], names: &[String], errors: &[&str]) -> bool {
     let dataset = Dataset::read(files, &Split::default(), &|_| None, &every_column).unwrap();
     let hours: f64 = dataset.runs.iter().map(hours).sum();
@@ -98,7 +99,7 @@ fn record(name: &str, files: &[PathBuf], names: &[String], errors: &[&str]) -> b
             }
         }
         let growth = 100.0 * (mean(cases.iter().map(|case| case.growth)) - 1.0);
-        println!("{name} {error}: the range grows by {growth:.1} %");
+        println!("{name} {error}: the error range grows by {growth:.1} %");
         let groups = [("not found", false, false), ("found only", true, false), ("replaced", true, true)];
         for (words, is_found, replaced) in groups {
             let of =
@@ -107,7 +108,11 @@ fn record(name: &str, files: &[PathBuf], names: &[String], errors: &[&str]) -> b
             if !growths.is_empty() {
                 let (share, most) = (growths.len(), growths.iter().copied().fold(0.0, f64::max));
                 let growth = mean(growths.into_iter());
-                println!("  {words}: {share} of {}, {growth:.1} %, at most {most:.0} %", cases.len());
+                println!(
+                    "  {words}: {share} of {} freezes, growth of the error range {growth:.1} % (mean), \
+                     {most:.0} % (maximum)",
+                    cases.len()
+                );
             }
         }
         growths.push(growth);
@@ -119,13 +124,17 @@ fn record(name: &str, files: &[PathBuf], names: &[String], errors: &[&str]) -> b
     let reached = |is_reached: bool| if is_reached { "reached" } else { "MISSED" };
     let limits = [alarms == 0, growth <= GROWTH, median <= FOUND];
     println!(
-        "{name}: {alarms} alarms in {hours:.0} h of {} error channels, at most 0 are allowed: {}",
+        "{name}: {alarms} false alarms in {hours:.0} h of {} error channels, at most 0 are allowed: {}",
         errors.len(),
         reached(limits[0])
     );
-    println!("{name}: the range grows by {growth:.1} %, at most {GROWTH} %: {}", reached(limits[1]));
     println!(
-        "{name}: {:.0} % are found, half of them within {median:.0} min, at most {FOUND} min: {}",
+        "{name}: the error range grows by {growth:.1} %, at most {GROWTH} % is allowed: {}",
+        reached(limits[1])
+    );
+    println!(
+        "{name}: {:.0} % of the freezes are detected; median time {median:.0} min, at most {FOUND} min is \
+         allowed: {}",
         100.0 * share,
         reached(limits[2])
     );
@@ -162,18 +171,19 @@ fn learned(dataset: &Dataset, without: usize, names: &[String], error: &str) -> 
     isotherm_profile::load(&path, &[], &[]).unwrap_or_else(|errors| panic!("{errors}")).profile
 }
 
-/// Result of one axis in one run.
+/// Result of the compensation step for the axis in one run.
 struct Seen {
-    /// Suspected sensors, each with the row at which it was suspected.
+    /// Sensors that were suspected to be frozen, each with the log row in which it was first suspected.
     suspected: Vec<(usize, usize)>,
-    /// Sensors that a stand-in replaced.
+    /// Indices of the sensors that a stand-in (an estimate from the other sensors) replaced.
     replaced: Vec<usize>,
-    /// Range of the error if the target of the axis acts as Cz, µm.
+    /// Range of the residual error, µm. The Cz (compensation value) that the model requests is added without the limits
+    /// of the axis.
     range: f64,
 }
 
-/// Runs the gateway's compensation step over the rows of a run. `names` and `columns` are the names and the log columns
-/// of the sensors.
+/// Runs the gateway's compensation step over the rows of a run. `names` contains the names of the sensors, and
+/// `columns` the indices of their log columns.
 fn seen(profile: &Profile, run: &Run, (names, columns): (&[String], &[usize]), error: &[f64]) -> Seen {
     let place = |name: &String| names.iter().position(|known| known == name);
     let sensors: Vec<Option<usize>> = profile.signals.iter().map(|signal| place(&signal.name)).collect();

@@ -1,11 +1,12 @@
 //! Residual errors of models from the method `whitened`, the default of `isotherm identify`, on two public data sets.
-//! The example fails if a residual error is above its limit.
+//! Each run is held out in turn: the model is identified from all other runs. The example fails if a residual error is
+//! above its limit.
 //!
 //! ```text
 //! cargo run --release -p isotherm-identify --example held_out -- --mill runs/c*.csv --stage runs/day*.csv
 //! ```
 //!
-//! The data sets are not part of the project. One file is one run, with the means of each minute:
+//! The data sets are not part of the project. One file contains one run. Its rows are means of one minute:
 //!
 //! - a machining centre (github.com/CAIVIAC/FL_THERMAL, 46 h: six cycles of 8 h, columns `t01` to `t16`, `spindle_rpm`,
 //!   `ch1_um` …);
@@ -34,19 +35,22 @@ use record::{machine, mean};
 
 mod record;
 
-/// An error channel of a data set, and the limits of its residual error: ranges and root mean squares, µm.
+/// An error channel (log column with a measured error), and the limits of its residual error: range and root mean
+/// square, µm.
 struct Channel {
     error: &'static str,
     range: f64,
     rms: f64,
-    /// Range of the residual error if a probe corrects the model once an hour, µm.
+    /// Limit of the range of the residual error if a simulated probe corrects the model once an hour, µm.
     probed: f64,
-    /// Range of the residual error with two training runs and with one, as a ratio to the range without compensation.
+    /// Limits of the range of the residual error if the model is identified from two runs, and from one run. Each limit
+    /// is a ratio to the range without compensation.
     few: [f64; 2],
-    /// Limits of the range with three sensors in the model, and with eight, µm.
-    sensors: Option<[f64; 2]>,
-    /// Limits with the spindle speed and its square as inputs: range, root mean square, and range with an hourly probe,
+    /// Limits of the range of the residual error for a model with three sensors, and for a model with eight sensors,
     /// µm.
+    sensors: Option<[f64; 2]>,
+    /// Limits of the residual error for a model that also has the spindle speed and its square as inputs, µm: range,
+    /// root mean square, and range with an hourly probe.
     speeds: Option<[f64; 3]>,
 }
 
@@ -89,14 +93,14 @@ const fn stage(error: &'static str, range: f64, rms: f64, probed: f64, few: [f64
     Channel { error, range, rms, probed, few, sensors: None, speeds: None }
 }
 
-/// Maximum growth of the range of the error if one sensor freezes, in percent, as the mean over the sensors.
+/// Maximum growth of the error range if one sensor freezes, in percent. The growth is the mean over the sensors.
 const FROZEN: f64 = 8.0;
 /// Maximum median of the time from the freeze of a sensor to its detection, min.
 const NOTICED: f64 = 240.0;
-/// Maximum growth of the range of the error if one sensor froze in one training run, in percent.
+/// Maximum growth of the error range if one sensor was frozen in one of the training runs, in percent.
 const SPOILT: f64 = 10.0;
-/// Smallest and largest accepted share of the log rows whose residual error is within one and within two times the
-/// expected error.
+/// Smallest and largest accepted share of the log rows whose residual error is within the expected error, and within
+/// twice the expected error.
 const INSIDE: [(f64, f64); 2] = [(0.55, 0.85), (0.84, 0.98)];
 /// Seconds of an hour.
 const HOUR: f64 = 3600.0;
@@ -184,8 +188,8 @@ impl Record<'_> {
         self.say_spoilt();
     }
 
-    /// Prints how much the range of the error in the other runs grows if one sensor freezes in the middle of one
-    /// training run.
+    /// Prints how much the range of the residual error in the other runs grows if one sensor freezes in the middle of
+    /// one training run.
     fn say_spoilt(&self) {
         let mut growths = Vec::new();
         let good = self.mended(self.dataset);
@@ -220,8 +224,8 @@ impl Record<'_> {
         identify(&ready, &Settings::default(), None, false, &|_, _| {}).unwrap()
     }
 
-    /// Uses the first two runs as the prior, and identifies from the later ones. Prints the residual error with and
-    /// without the prior.
+    /// Identifies a model from the first two runs, and uses it as the prior for models from the later runs. Prints the
+    /// residual error with and without the prior.
     fn say_prior(&self) {
         let (mut old, mut later) = (self.dataset.clone(), self.dataset.clone());
         old.runs.truncate(2);
@@ -238,14 +242,14 @@ impl Record<'_> {
         for runs in [1, 2] {
             let (without, with) = (later.few(runs, &Settings::default()), later.few(runs, &with));
             println!(
-                "{:7} after a prior, {runs} later       {without:6.2} without it, {with:.2} with it",
+                "{:7} after a prior, {runs} later run(s) {without:6.2} without the prior, {with:.2} with it",
                 self.error
             );
         }
     }
 
-    /// Identifies a model from every combination of this number of runs, and validates each model on all other runs.
-    /// Returns the mean ratio of the residual range to the range without compensation.
+    /// Identifies a model from every combination of `runs` runs (1 or 2), and validates each model on all other runs.
+    /// Returns the residual range divided by the range without compensation, as a mean over the combinations.
     fn few(&self, runs: usize, settings: &Settings) -> f64 {
         let ready = self.ready(false);
         let all = self.dataset.runs.len();
@@ -274,7 +278,7 @@ impl Record<'_> {
         for (times, (share, (least, most))) in ["one", "two"].iter().zip(shares.into_iter().zip(INSIDE)) {
             let reached = if (least..=most).contains(&share) { "reached" } else { "MISSED" };
             println!(
-                "{:7} inside {times} times expected    {share:6.2}, {least} to {most}: {reached}",
+                "{:7} inside {times} times expected    {share:6.2}, allowed {least} to {most}: {reached}",
                 self.error
             );
         }

@@ -1,17 +1,17 @@
-//! Test of learning from touches (measurements with a probe) on two public data sets, in the order of time, against
-//! limits.
+//! Test of learning from touches (measurements with a probe) on two public data sets, in the order of time.
 //!
 //! ```text
 //! cargo run --release -p isotherm-identify --example learned -- --mill runs/c*.csv --stage runs/day*.csv
 //! ```
 //!
-//! The head of the example `held_out` describes the data sets. The first three runs are the commissioning, with an
-//! error in each row. Each later run first tests the model on all its rows. Then the model learns from the hourly
-//! touches of that run (σ 0.5 µm). The results are means over several random seeds for the errors of the touches. The
-//! example fails if a limit is missed.
+//! The head of the example `held_out` describes the data sets. The first three runs are the commissioning: their errors
+//! are known in each row. Each later run first tests the model on all rows of the run. Then the model learns from the
+//! hourly touches of that run (σ 0.5 µm). The results are means over several random seeds for the measurement errors of
+//! the touches. The example fails if a result is outside its limit.
 //!
-//! A channel with fewer than six runs has no limit. The candidate first differs from the model of the commissioning on
-//! the fifth day. Therefore a tested candidate is first used on the sixth day.
+//! An error channel with fewer than six runs has no limit. The candidate is the model from all runs so far. It first
+//! differs from the model of the commissioning on the fifth day. Therefore a tested candidate is first used on the
+//! sixth day.
 
 #![allow(
     clippy::unwrap_used,
@@ -42,17 +42,18 @@ mod record;
 const COMMISSIONED: usize = 3;
 /// Minimum number of runs of an error channel to which the limits apply.
 const ENOUGH_RUNS: usize = 6;
-/// Standard deviation of the error of a touch (measurement with a probe), µm.
+/// Standard deviation of the measurement error of a touch (measurement with a probe), µm.
 const SIGMA: f64 = 0.5;
-/// Maximum geometric mean of the ranges and root mean squares of the residual error, as a ratio to the unchanged model.
+/// Maximum geometric mean over all channels of the ratio of the residual error to that of the unchanged model. This
+/// limit applies to the range and to the root mean square.
 const MEAN: f64 = 0.9;
-/// Maximum ratio of the residual error of one channel to that of the unchanged model.
+/// Maximum ratio of the residual error of any single channel to that of the unchanged model.
 const WORST: f64 = 1.08;
-/// Smallest and largest accepted share of the log rows whose residual error is within one and within two times the
-/// expected error.
+/// Smallest and largest accepted share of the log rows whose residual error is within the expected error, and within
+/// twice the expected error.
 const INSIDE: [(f64, f64); 2] = [(0.55, 0.88), (0.82, 0.99)];
 
-/// Number of random seeds for the errors of the touches.
+/// Number of random seeds for the measurement errors of the touches.
 const SEEDS: u64 = 5;
 /// Models whose residual errors are printed, in this order.
 const MODELS: [&str; 5] = [
@@ -62,28 +63,31 @@ const MODELS: [&str; 5] = [
     "judged candidate",
     "full sensor every day",
 ];
-/// Indices in [`MODELS`] of the two models that are compared.
+/// Index in [`MODELS`] of the unchanged model of the commissioning. The next constant is the index of the tested
+/// candidate.
 const STAYS: usize = 1;
 const JUDGED: usize = 3;
 
 /// Residual errors of an error channel over the runs after the commissioning.
 #[derive(Default)]
 struct Figures {
-    /// Range and root mean square of each run with each of [`MODELS`].
+    /// Range and root mean square of the residual error of each run, µm, with each of the [`MODELS`].
     left: [Vec<(f64, f64)>; 5],
-    /// Number of rows within one expected error, within two times the expected error, and of all rows.
+    /// Number of rows whose residual is within the expected error, number of rows within twice the expected error, and
+    /// number of all rows.
     inside: [usize; 3],
 }
 
 /// Results of the error channels that have limits.
 #[derive(Default)]
 struct Limited {
-    /// Range and root mean square of each channel with the tested candidate, as ratios to those with the unchanged
-    /// model.
+    /// For each channel: range and root mean square of the residual error with the tested candidate, divided by those
+    /// with the unchanged model.
     ratios: Vec<[f64; 2]>,
-    /// For each channel with limits, whether the expected error is within its limits.
+    /// For each channel: whether the shares of rows within the expected error are within the limits [`INSIDE`].
     bars: Vec<bool>,
-    /// Number of rows of all channels within one expected error, within two times the expected error, and of all rows.
+    /// Number of rows of all channels whose residual is within the expected error, number of rows within twice the
+    /// expected error, and number of all rows.
     inside: [usize; 3],
 }
 
@@ -110,7 +114,7 @@ fn main() -> ExitCode {
             let none = mean(alone.iter().map(|run| run.0.powi(2))).sqrt();
             let left = mean(alone.iter().map(|run| run.1.powi(2))).sqrt();
             println!(
-                "{channel:7} touches alone           RMS {left:.2} µm, without compensation {none:.2} µm"
+                "{channel:7} from touches only       RMS {left:.2} µm, without compensation {none:.2} µm"
             );
             said(channel, &found, files.len() >= ENOUGH_RUNS, &mut limited);
         }
@@ -120,7 +124,7 @@ fn main() -> ExitCode {
 }
 
 impl Limited {
-    /// Prints the results of all channels with their limits. Returns whether the limits are reached.
+    /// Prints the results of all channels with their limits. Returns whether all results are within their limits.
     fn are_reached(&self) -> bool {
         if self.ratios.is_empty() {
             return true;
@@ -131,17 +135,20 @@ impl Limited {
             let ratios = || self.ratios.iter().map(|ratio| ratio[place]);
             let (geometric, worst) = (mean(ratios().map(f64::ln)).exp(), ratios().fold(f64::MIN, f64::max));
             println!(
-                "{name:5} geometric mean {geometric:.2}, at most {MEAN}: {}",
+                "{name:5} ratio to the unchanged model: geometric mean {geometric:.2}, at most {MEAN}: {}",
                 reached(geometric <= MEAN)
             );
-            println!("{name:5} worst channel  {worst:.2}, at most {WORST}: {}", reached(worst <= WORST));
+            println!(
+                "{name:5} ratio to the unchanged model: worst channel {worst:.2}, at most {WORST}: {}",
+                reached(worst <= WORST)
+            );
             is_reached &= geometric <= MEAN && worst <= WORST;
         }
         is_reached
     }
 }
 
-/// Prints the results of one channel.
+/// Prints the results of one channel. If `is_limited`, also adds them to `limited`.
 fn said(channel: &str, found: &Figures, is_limited: bool, limited: &mut Limited) {
     let of = |place: usize| {
         let runs = &found.left[place];
@@ -162,8 +169,8 @@ fn said(channel: &str, found: &Figures, is_limited: bool, limited: &mut Limited)
     }
 }
 
-/// Prints the shares of the rows within one and within two times the expected error. Returns whether the two shares are
-/// within their limits.
+/// Prints the shares of the rows whose residual is within the expected error, and within twice the expected error.
+/// Returns whether both shares are within their limits.
 fn are_inside(name: &str, [one, two, all]: [usize; 3], is_limited: bool) -> bool {
     let mut are_reached = true;
     for (times, inside, (least, most)) in [("one", one, INSIDE[0]), ("two", two, INSIDE[1])] {
@@ -172,7 +179,7 @@ fn are_inside(name: &str, [one, two, all]: [usize; 3], is_limited: bool) -> bool
         let is_reached = (least..=most).contains(&share);
         are_reached &= is_reached;
         let limit = if is_limited { reached(is_reached) } else { "no limit" };
-        println!("{name:7} inside {times} times expected {share:5.3}, {least} to {most}: {limit}");
+        println!("{name:7} inside {times} times expected {share:5.3}, allowed {least} to {most}: {limit}");
     }
     are_reached
 }
@@ -200,8 +207,8 @@ impl Record<'_> {
         (profile, choice)
     }
 
-    /// Reads the runs, and dates each one day after the previous run. Also returns the index of the column with the
-    /// error.
+    /// Reads the runs. Changes their times, so that each run is one day after the previous run. Also returns the index
+    /// of the column with the error.
     fn dataset(&self) -> (Dataset, usize) {
         let mut dataset = Dataset::read(self.files, &Split::default(), &|_| None, &every_column).unwrap();
         let error = dataset.column(self.channel).unwrap();
@@ -212,13 +219,14 @@ impl Record<'_> {
         (dataset, error)
     }
 
-    /// Returns a model in use that has no terms.
+    /// Returns a model without terms, for comparison. Its Cz (compensation value) is always zero.
     fn nothing(&self) -> InUse {
         InUse::of(&machine_without_model(&record::names(self.sensors)), "z").unwrap()
     }
 
-    /// Learns a model of the channel from touches alone. Returns two root mean squares for each run after the first:
-    /// without compensation and with the candidate of that day, µm. They are calculated at the touches.
+    /// Learns a model of the channel from touches alone, without a commissioning. Returns two root mean squares for
+    /// each run after the first, µm: the error without compensation, and the residual error with the candidate of that
+    /// day. Both are calculated at the touches.
     fn alone(&self, seed: u64) -> Vec<(f64, f64)> {
         let ((profile, choice), (mut dataset, error)) = (self.machine(), self.dataset());
         let nothing = self.nothing();
@@ -277,14 +285,14 @@ impl Record<'_> {
     }
 }
 
-/// Returns the errors of the touches of one run, one for each hour, µm.
+/// Returns random measurement errors of the touches of one run, one for each hour, µm.
 fn errors(chance: &mut Pcg64Mcg) -> Vec<f64> {
     // The sum of twelve uniform random numbers is nearly normal.
     let mut normal = || (0..12).map(|_| chance.random_range(-0.5..0.5)).sum::<f64>();
     (0..=24).map(|_| SIGMA * normal()).collect()
 }
 
-/// Returns the error of the touch in the hour `hour` of a run, µm.
+/// Returns the measurement error of the touch in the hour `hour` of a run, µm.
 fn error_at(errors: &[f64], hour: f64) -> f64 {
     #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "hours of a day")]
     let hour = hour as usize;
@@ -297,15 +305,16 @@ fn machine_without_model(names: &[String]) -> Profile {
     isotherm_profile::parse(std::path::Path::new("record.toml"), &text, &[], &[]).unwrap().profile
 }
 
-/// Returns the coefficients a and b of the growth of the variance since the datum (zero point), from the runs of the
-/// commissioning.
+/// Returns the coefficients a and b of the expected error: σ² = a·h + b, with h in hours since the datum (zero point).
+/// They are estimated from the runs of the commissioning.
 fn growth(profile: &Profile, dataset: &Dataset, choice: &Choice) -> [f64; 2] {
     let ready = ready(profile, dataset, choice).unwrap();
     let found = identify(&ready, &Settings::default(), None, false, &|_, _| {}).unwrap();
     found.expected.unwrap().since_datum
 }
 
-/// Replaces the errors of a run by hourly touches. `errors` contains the error of the touch in each hour, µm.
+/// Replaces the errors of a run by hourly touches. `errors` contains the measurement error of the touch in each hour,
+/// µm.
 fn touched(single: &Dataset, error: usize, errors: &[f64]) -> Dataset {
     let mut touched = single.clone();
     touched.columns[error] = Column { name: "z_measured_um".to_owned(), kind: Kind::Displacement };
@@ -333,14 +342,14 @@ fn touch(run: &mut Run, error: usize, errors: &[f64]) {
     });
 }
 
-/// Returns the range and the root mean square of the residual errors of a run.
+/// Returns the range and the root mean square of the residual errors of a run, µm.
 fn spread(left: &[f64]) -> (f64, f64) {
     let range = left.iter().copied().fold(f64::MIN, f64::max) - left.iter().copied().fold(f64::MAX, f64::min);
     (range, mean(left.iter().map(|left| left * left)).sqrt())
 }
 
-/// Counts the rows of a run whose residual is within one and within two times the expected error. Each hourly touch
-/// scales the expected error.
+/// Counts the rows of a run whose residual is within the expected error, and within twice the expected error. Each
+/// hourly touch scales the expected error.
 fn bar(
     run: &isotherm_identify::learning::ModelRows,
     ([a, b], errors): ([f64; 2], &[f64]),

@@ -1,8 +1,12 @@
-//! Sensors that behave like the air around the machine, regardless of their names.
+//! Finds sensors that behave like the air around the machine, regardless of their names.
 //!
-//! The load does not warm such a sensor: neither after a start, nor through a first-order lag. The sensor changes
-//! slowly. It correlates with time more than with the error. A sensor is reported only if it meets all these
-//! conditions. A sensor of the machine cannot be distinguished from the air if the hall warms at the same time.
+//! The load is the speed that exceeds 1 rpm in the most rows, usually the spindle speed. A sensor is reported only if
+//! all of these are true:
+//! - The load does not warm the sensor: neither after a start of the load, nor through a first-order lag.
+//! - The sensor changes slowly.
+//! - The sensor correlates with time more than with the error.
+//!
+//! If the hall and the machine warm at the same time, the air cannot be distinguished from the machine.
 
 use crate::dataset::{Dataset, Kind, Run};
 use crate::faults::Finding;
@@ -10,25 +14,26 @@ use crate::minutes::Minutes;
 use crate::statistics::{count, mean, median, range};
 
 const MINUTE: f64 = 60.0;
-/// Time after a start of the load within which the heat of the machine reaches its sensors, min.
+/// Time after a start of the load within which the heat of the load reaches the sensors of the machine, min.
 const AFTER_START: usize = 20;
 /// Minimum number of starts of the load in all runs. With fewer starts, no sensor is reported.
 const STARTS: usize = 3;
 /// Time constants that are tried for the lag between the load and the temperature of a part that it warms, min.
 const LAGS_MIN: [f64; 4] = [6.0, 25.0, 75.0, 200.0];
-/// Maximum ratio of the variance explained by the load to that explained by time. The limit is not zero: with few runs,
-/// every slow signal correlates a little with a slow lag of the load.
+/// Maximum variance of an air sensor that the load explains, as a ratio to the variance that time explains. The limit
+/// is not zero: with few runs, every slow signal also correlates a little with a slow lag of the load.
 const UNRELATED: f64 = 0.5;
-/// Maximum rise of a sensor after a start, as a ratio to the largest rise of any sensor.
+/// Maximum rise of an air sensor after a start of the load, as a ratio to the largest rise of any sensor.
 const COLD_AT_STARTS: f64 = 0.15;
-/// Maximum change of a sensor within 20 min, as a ratio to the largest change of any sensor.
+/// Maximum change of an air sensor within 20 min, as a ratio to the largest change of any sensor.
 const SLOW: f64 = 1.0 / 3.0;
-/// Minimum change of a temperature within 20 min, °C, that the air of a hall cannot cause while its doors are closed.
+/// Limit of the temperature change of an air sensor within 20 min, °C. The air of a hall cannot change faster while its
+/// doors are closed.
 const NO_AIR: f64 = 1.0;
 /// Minimum range (maximum minus minimum) of the readings of a sensor, °C. A sensor that changes less is not reported.
 const MOVES: f64 = 0.2;
 
-/// Values of one run, minute by minute. A minute without a value repeats the previous value.
+/// Values of one run, one value for each minute. A minute without a value repeats the value of the previous minute.
 struct Courses {
     load: Vec<f64>,
     error: Vec<f64>,
@@ -38,11 +43,12 @@ struct Courses {
 /// Statistics of one sensor that decide whether it behaves like the air.
 #[derive(Clone, Copy, Debug)]
 struct Figures {
-    /// Median rise of the temperature after a start of the load, minus the rise in an equal time before the start, °C.
+    /// Median rise of the temperature in the [`AFTER_START`] minutes after a start of the load, minus the rise in the
+    /// same time before the start, °C.
     start: f64,
     /// Largest temperature change within 20 min, °C.
     fastest: f64,
-    /// Largest share of the variance that the load explains through any lag, 0 to 1.
+    /// Share of the variance that the load explains through the best of the tried lags, 0 to 1.
     load: f64,
     /// Share of the variance that a parabola over the time of each run explains, 0 to 1.
     time: f64,
@@ -52,8 +58,8 @@ struct Figures {
     range: f64,
 }
 
-/// Returns the log column of the temperature whose name means ambient air. If no name does, returns the first
-/// temperature in `like`.
+/// Returns the index of the log column of the temperature whose name means ambient air. If no column has such a name,
+/// returns the first column in `like`.
 pub(crate) fn ambient_column(dataset: &Dataset, like: &[Finding]) -> Option<usize> {
     let name = |place: usize| dataset.columns[place].name.as_str();
     let is_named = |place: &usize| is_named_for_the_air(name(*place));
@@ -62,7 +68,7 @@ pub(crate) fn ambient_column(dataset: &Dataset, like: &[Finding]) -> Option<usiz
     temperatures.find(is_named).or_else(|| dataset.of_kind(Kind::Temperature).find(behaves))
 }
 
-/// Returns whether a word of the name means the air around the machine.
+/// Returns whether the name contains a word for the air around the machine, for example `ambient`.
 pub(crate) fn is_named_for_the_air(name: &str) -> bool {
     let name = name.to_lowercase();
     let mut words = name.split(|letter: char| !letter.is_alphabetic());
@@ -91,10 +97,11 @@ pub(crate) fn find(dataset: &Dataset, columns: &[usize], error: usize) -> Vec<Fi
     let like = |(column, of): (&usize, &Figures)| Finding {
         signal: dataset.columns[*column].name.clone(),
         reason: format!(
-            "behaves like the air around the machine. After the {starts} starts of {} it warms by {:+.2} °C \
-             in {AFTER_START} min (the fastest sensor by {start:+.1} °C). That speed explains {:.0} % of its \
-             variance, through any lag. It never changes faster than {:.1} °C in 20 min. It follows the time \
-             (a smooth curve explains {:.0} % of it) rather than the error (r = {:+.2})",
+            "behaves like the air around the machine. After the {starts} starts of {}, this sensor warms by \
+             {:+.2} °C in {AFTER_START} min (the fastest sensor by {start:+.1} °C). This speed \
+             explains at most {:.0} % of its variance. The sensor never changes faster than {:.1} °C in 20 \
+             min. A smooth curve over time explains {:.0} % of its variance; its correlation with the error \
+             is r = {:+.2}",
             dataset.columns[load].name,
             of.start,
             100.0 * of.load,
@@ -106,7 +113,8 @@ pub(crate) fn find(dataset: &Dataset, columns: &[usize], error: usize) -> Vec<Fi
     columns.iter().zip(&all).filter(|(_, of)| is_air(of)).map(like).collect()
 }
 
-/// Returns the log column of the speed that exceeds 1 rpm in the most rows; `None` if no speed exceeds 1 rpm.
+/// Returns the index of the log column of the load: the speed that exceeds 1 rpm in the most rows. `None` if no speed
+/// exceeds 1 rpm.
 fn load(dataset: &Dataset) -> Option<usize> {
     let turns = |column: &usize| {
         let values = dataset.runs.iter().flat_map(|run| &run.values[*column]);
@@ -139,8 +147,8 @@ fn by_minute(run: &Run, column: usize) -> Vec<f64> {
     course
 }
 
-/// Returns the minutes at which the load starts after a standstill of at least [`AFTER_START`] minutes. The run must
-/// last for at least as many minutes after the start.
+/// Returns the minutes in which the load starts after a standstill of at least [`AFTER_START`] minutes. A start counts
+/// only if the run lasts at least as long after it.
 fn starts(run: &Courses) -> Vec<usize> {
     let fastest = run.load.iter().copied().fold(0.0, f64::max);
     let turns = |minute: usize| run.load[minute] > 0.1 * fastest && run.load[minute] > 1.0;

@@ -1,16 +1,16 @@
-//! Removal of Cz (the compensation value) from errors that were measured while a compensation was active. Such an error
-//! is e + Cz, but a model is identified from e.
+//! Removal of Cz (the compensation value) from errors that were measured while a compensation was active. The measured
+//! value is then e + Cz. A model must be identified from e, the error of the machine without compensation.
 
 use crate::dataset::{BadLog, Column, Dataset, Kind, Run};
 use crate::statistics::least_and_most;
 use crate::touches::is_acting;
 use isotherm_profile::{Profile, Writes};
 
-/// Maximum range of the Cz in a log, µm, up to which Cz counts as constant. A constant Cz does not change the measured
-/// drift.
+/// Maximum range of the Cz in a log, µm, up to which the Cz counts as constant. A constant Cz only shifts the measured
+/// errors by the same amount, so their drift is correct.
 const STANDS_STILL: f64 = 1e-9;
 
-/// Source of the Cz that was active during the measurement of the error.
+/// Source of the Cz (compensation value) that was active during the measurement of the error.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub enum Applied {
     /// The Cz columns of a log of the gateway. Other logs have no such columns.
@@ -28,15 +28,15 @@ impl Applied {
         if text == "none" { Applied::Nothing } else { Applied::Column(text.to_owned()) }
     }
 
-    /// Returns whether the operator named this log column as the source of the Cz that acted during the measurement.
+    /// Returns whether the operator stated with `--cz` that this log column contains the active Cz.
     pub(crate) fn names(&self, column: &str) -> bool {
         matches!(self, Applied::Column(name) if name == column)
     }
 }
 
 /// Returns whether the outputs of an axis move the machine, according to the profile. An output that only corrects a
-/// readout (DRO) does not move it. `None` means that the profile does not decide: the answer depends on how the error
-/// was measured.
+/// readout (DRO) does not move it. `None` if the profile cannot decide this, because the answer depends on how the
+/// error was measured.
 pub(crate) fn moves_the_machine(profile: &Profile, axis: &str) -> Option<bool> {
     let place = profile.axes.iter().position(|known| known.settings.name == axis)?;
     let outputs = profile.outputs.iter().filter(|output| output.axis.0 == place);
@@ -48,20 +48,24 @@ pub(crate) fn moves_the_machine(profile: &Profile, axis: &str) -> Option<bool> {
     }
 }
 
-/// Returns the axis in the name of a log column with measured errors, for example `z` for `z_error_um`; `None` if the
-/// name has another form.
+/// Returns the axis name in the name of a log column with measured errors, for example `z` for `z_error_um`; `None` if
+/// the column name has another form.
 fn axis_of(error: &str) -> Option<&str> {
     ["_error_um", "_measured_um"].iter().find_map(|end| error.strip_suffix(end))
 }
 
-/// Returns the log column that the operator named as the source of the active Cz.
+/// Returns the index of the log column that the operator named as the source of the active Cz.
 pub(crate) fn named(dataset: &Dataset, name: &str) -> Result<usize, BadLog> {
-    let missing = || BadLog(vec![format!("no log has a column of numbers `{name}`, which --cz names")]);
+    let missing = || {
+        BadLog(vec![format!(
+            "the option --cz names the column `{name}`, but no log has a column of numbers with this name"
+        )])
+    };
     dataset.column(name).ok_or_else(missing)
 }
 
-/// Returns the log column of the Cz that this measured error contains; `None` if the error contains no Cz, or only a
-/// constant one.
+/// Returns the index of the log column of the Cz that this measured error contains. `None` if the error contains no Cz,
+/// or only a constant Cz.
 fn acting(
     dataset: &Dataset,
     error: &str,
@@ -110,28 +114,28 @@ fn acting(
         ([one], None) => {
             let name = names(&[*one]);
             refused(format!(
-                "{name} changed. It is not known whether {error} contains this Cz, because there is no \
-                 profile, or an output only corrects a readout. Add --cz {name} if the Cz moved the axis, or \
-                 --cz none if the error was measured without compensation"
+                "{name} changed. It is not known whether {error} contains this Cz, because no profile was \
+                 given, or because an output only corrects a readout. Add --cz {name} if the Cz moved the \
+                 axis, or --cz none if the error was measured without compensation"
             ))
         }
         (several, _) => refused(format!(
-            "{} changed, but it is not known which of these Cz {error} contains; name this Cz with --cz, or \
-             add --cz none",
+            "{} changed. It is not known which of these columns of Cz was active while {error} was measured. \
+             Add --cz with the name of this column, or --cz none if none of them was active",
             names(several)
         )),
     }
 }
 
-/// Returns the runs whose errors were recorded row by row. The errors of all other runs are touches (measurements with
-/// a probe), from which Cz was already removed.
+/// Returns the runs whose errors were recorded row by row. In all other runs, a probe measured the errors by touches.
+/// Cz was already removed from the errors of touches.
 fn recorded(dataset: &Dataset) -> impl Iterator<Item = &Run> {
     dataset.runs.iter().filter(|run| !run.is_touched())
 }
 
 /// Subtracts the Cz of a log column from the measured error in each row. Returns the minimum and the maximum Cz, µm;
-/// `None` if no run was measured with Cz. A run without values in the column was measured without Cz. In all other
-/// runs, a row without Cz loses its error value.
+/// `None` if no run was measured with Cz. A run counts as measured without Cz if the column has no values in that run.
+/// In all other runs, the error is removed from each row without a Cz value.
 fn take_out(dataset: &mut Dataset, error: usize, column: usize) -> Option<(f64, f64)> {
     for run in dataset.runs.iter_mut().filter(|run| !run.is_touched()) {
         let cz = run.values[column].to_vec();
@@ -143,7 +147,7 @@ fn take_out(dataset: &mut Dataset, error: usize, column: usize) -> Option<(f64, 
 }
 
 /// Removes the Cz that was active during the measurement from the error, and adds a remark about it. `axis` is the axis
-/// of the error, if known. `moves` is the result of `moves_the_machine`.
+/// of the error, if known. `moves` is the result of [`Applied::moves_the_machine`].
 ///
 /// # Errors
 /// The Cz cannot be determined. The message names the option that specifies it.
@@ -160,16 +164,16 @@ pub fn without_cz(
     if let Some((least, most)) = take_out(dataset, place, column) {
         let cz = &dataset.columns[column].name;
         dataset.remarks.push(format!(
-            "{error} was measured while {cz} of {least:.1} … {most:.1} µm acted, so the error contains it. \
-             It was removed: e = {error} − {cz}"
+            "{error} was measured while {cz} of {least:.1} … {most:.1} µm was active, so the error contained \
+             this Cz. The Cz was removed: e = {error} − {cz}"
         ));
     }
     Ok(())
 }
 
-/// Adds a column without Cz for each displacement that was measured with Cz. If the Cz cannot be determined, a remark
-/// is added instead. `asked` contains the names of the columns to process, or is empty for all displacements. The names
-/// of the new columns are appended to `asked`, unless it is empty.
+/// For each displacement that was measured while a Cz was active, adds a column with the displacement without this Cz.
+/// If the Cz cannot be determined, a remark is added instead. `asked` contains the names of the columns to process, or
+/// is empty for all displacements. The names of the new columns are appended to `asked`, unless it is empty.
 ///
 /// # Errors
 /// `applied` names a column that no log has.
@@ -205,8 +209,8 @@ pub fn add_without_cz(
         if let Some((least, most)) = take_out(dataset, dataset.columns.len() - 1, column) {
             let cz = &dataset.columns[column].name;
             dataset.remarks.push(format!(
-                "{name} was measured while {cz} of {least:.1} … {most:.1} µm acted, so it is the residual \
-                 displacement; {without} is the displacement without compensation"
+                "{name} was measured while {cz} of {least:.1} … {most:.1} µm was active: {name} is the \
+                 residual displacement, and {without} is the displacement without compensation"
             ));
         }
         if !asked.is_empty() {

@@ -1,11 +1,12 @@
-//! Thermal terms of a 1-D ball array (Li, Yang, Zhang, Zhang 1998). The coordinates of the same balls, touched in
-//! several rounds, give origin drift, expansion and tilts.
+//! Thermal terms from a 1-D ball array: a row of balls that is clamped along one axis (Li, Yang, Zhang, Zhang 1998). A
+//! probe touches the same balls in several rounds. The changes of their coordinates give origin drift, expansion and
+//! tilts.
 //!
 //! ```text
 //! touches (time, ball, x, y, z, stylus) ── rounds ── fit (least squares over the balls) ── log for identify
 //! ```
 //! p is the position along the array, p0 its origin, L the length of the stylus, and L0 the shorter stylus. The
-//! coordinates of a ball have moved since the cold round, in µm:
+//! coordinates of a ball change since the cold round by these amounts, in µm:
 //! - along the array: d + k·(p − p0)
 //! - across it, in two directions: d + A·(p − p0) + B·(L − L0)
 //!
@@ -28,10 +29,10 @@ mod touches;
 
 pub use log::log;
 
-/// Names of the three directions. Arrays of three values have the same order.
+/// Names of the three coordinate directions. Every array of three values has this order.
 pub const DIRECTIONS: [&str; 3] = ["x", "y", "z"];
 
-/// Thermal terms of a warm-up.
+/// Thermal terms of all rounds of a warm-up.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Terms {
     /// Direction of the array, as an index of [`DIRECTIONS`].
@@ -39,15 +40,15 @@ pub struct Terms {
     pub along: usize,
     /// Direction of the array as text.
     pub array: &'static str,
-    /// Position p0 of the origin along the array, at which expansion and tilt add nothing to the drift d, mm.
+    /// Position p0 along the array that counts as the origin, mm. At p0, expansion and tilt add nothing to the drift d.
     pub origin_mm: f64,
-    /// Terms of each round. The first round is the cold one, with zeros only.
+    /// Terms of each round. The first round is the cold round: all its terms are zero.
     pub rounds: Vec<RoundTerms>,
     /// Remarks for the operator about unusual data.
     pub remarks: Vec<String>,
 }
 
-/// Thermal terms of one round.
+/// Thermal terms of one round of touches, relative to the cold round.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct RoundTerms {
     /// Mean time of the touches in this round.
@@ -55,14 +56,15 @@ pub struct RoundTerms {
     pub time: Moment,
     /// Mean time of the touches, h since the cold round.
     pub hours: f64,
-    /// Number of touches that were used.
+    /// Number of touches from which the terms were calculated.
     pub touches: usize,
     /// Origin drift d of the coordinates x, y, z, µm.
     pub drift_um: [f64; 3],
-    /// Slope in each direction, µm per mm along the array: k in the direction of the array, the tilt A in the others.
+    /// Slope of the coordinates in each direction, µm per mm along the array: the expansion k in the direction of the
+    /// array, and the tilt A in the other two directions.
     pub slope_um_per_mm: [f64; 3],
-    /// Tilt B of the spindle, µm per mm of stylus, and zero in the direction of the array. `None` if the touches do not
-    /// determine B, for example with styluses of one length.
+    /// Tilt B of the spindle in each direction, µm per mm of stylus length; zero in the direction of the array. `None`
+    /// if the touches do not determine B, for example because all styluses have one length.
     pub spindle_um_per_mm: Option<[f64; 3]>,
     /// Root mean square of the residuals over all touches and directions, µm.
     pub rms_um: f64,
@@ -83,12 +85,14 @@ pub fn terms(dataset: &Dataset, origin: Option<f64>) -> Result<Terms, BadLog> {
     let origin_mm = origin.or(places().next()).unwrap_or_default();
     if rounds.len() == 1 {
         return Err(one(
-            "there is one round only: touch the balls cold, and again while the machine warms up",
+            "the file contains one round only: touch the balls while the machine is cold, and again while the \
+             machine warms up",
         ));
     }
     if places().all(|place| (place - origin_mm).abs() > 10.0 * extent) {
         return Err(one(&format!(
-            "the origin {origin_mm} mm is far from every ball: give its position along {}",
+            "the origin {origin_mm} mm is far from every ball: state a position along {} that is near the \
+             balls",
             DIRECTIONS[along]
         )));
     }
@@ -123,7 +127,8 @@ fn direction(cold: &[Touch]) -> Result<(usize, f64), BadLog> {
     }
     if across > SKEWED * length {
         return Err(one(&format!(
-            "the balls extend {length:.0} mm along {axis}, but also {across:.0} mm across it: clamp the array along one axis"
+            "the balls extend {length:.0} mm along {axis}, but also {across:.0} mm across this axis: clamp \
+             the array parallel to one axis"
         )));
     }
     Ok((along, length))
@@ -131,8 +136,8 @@ fn direction(cold: &[Touch]) -> Result<(usize, f64), BadLog> {
 
 /// Minimum length of a ball array, mm.
 const SHORTEST: f64 = 5.0;
-/// Maximum extent of a ball array across its direction, as a share of its length. A larger extent mixes expansion into
-/// the tilts.
+/// Maximum extent of a ball array across its direction, as a share of its length. With a larger extent, a thermal
+/// expansion would look like a tilt.
 const SKEWED: f64 = 0.1;
 
 fn one(message: &str) -> BadLog {

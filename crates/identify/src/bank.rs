@@ -1,13 +1,14 @@
 //! Matrix of candidate terms (the bank) of a model: one column for each input with each lag, one row for each row of
-//! the logs. The values are those that the gateway itself would compute.
+//! the logs. An input is a sensor or a speed. Its rise is its value minus a reference value. The matrix contains the
+//! same values that the gateway would compute.
 //!
-//! References are captured by the gateway's own [`Compensation`]. Each input is followed by its own [`Lag`], row by row
-//! of the log as it was recorded. Rows are averaged only after that. A model identified from this matrix therefore
-//! gives the same values in a replay of the run.
+//! The gateway's own [`Compensation`] captures the references. A [`Lag`] of the gateway follows each input, row by row
+//! of the recorded log. Rows are averaged only after that. A model identified from this matrix therefore gives the same
+//! values in a replay of the run.
 //!
-//! A rise is zero until its reference has been captured, because the axis does not compensate before. If the error at a
-//! position is counted from the first visit of that position, the rises are counted from that visit, too. The same
-//! applies to touches that are counted from a zero, or from the first of them.
+//! A rise is zero until its reference has been captured, because the axis does not compensate before. The error and the
+//! rises always have the same zero point: machine start, the first visit of a position, a zero command, or the first
+//! touch of a probe.
 
 use std::collections::HashMap;
 use std::time::Duration;
@@ -21,7 +22,7 @@ use isotherm_core::compensation::model::{Input, Inputs, Lag, Reference, Unusable
 use isotherm_core::compensation::{Compensation, Control, Permit, Remembered, Snapshot};
 use isotherm_core::quantity::Celsius;
 
-/// Time constants of the lags that are tried, min: none (0), 3, 6, 12, 25, 50, 100 and 200 minutes.
+/// Time constants of the lags that are tried, min. 0 means no lag.
 pub(crate) const LAGS_MIN: [u32; 8] = [0, 3, 6, 12, 25, 50, 100, 200];
 
 /// Returns the time constants of [`LAGS_MIN`]; `None` means no lag.
@@ -35,16 +36,16 @@ pub(crate) fn usual_lags() -> Vec<Option<Duration>> {
 pub struct Candidate {
     /// Index of the input in the inputs of the campaign.
     pub input: usize,
-    /// Time constant of the lag; `None` for the rise without a lag.
+    /// Time constant of the lag; `None` for a rise without a lag.
     pub lag: Option<Duration>,
     /// Whether the term is the square of the input.
     pub squared: bool,
-    /// Whether the term is multiplied by the distance from the campaign's reference position. It is then a term of the
-    /// slope, in mm·°C.
+    /// Whether the rise is multiplied by the distance of the axis from the campaign's reference position. The term then
+    /// belongs to the slope over the position, and its unit is mm·°C.
     pub along: bool,
 }
 
-/// Selection of the rows of a log. Masked rows, in which a sensor was frozen, are never selected.
+/// Selection of log rows for the matrix. Masked rows, in which some sensor was frozen, are never selected.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Rows {
     /// Only log rows in which the error was measured.
@@ -60,7 +61,7 @@ pub(crate) struct Bank {
     pub(crate) candidates: Vec<Candidate>,
     /// For each input of the campaign: whether it is a speed.
     pub(crate) is_speed: Vec<bool>,
-    /// Values of each run, in the order of the dataset.
+    /// Values of each run, in the order of the runs in the dataset.
     pub(crate) runs: Vec<Traced>,
 }
 
@@ -68,15 +69,16 @@ pub(crate) struct Bank {
 #[derive(Clone, Debug)]
 pub(crate) struct Traced {
     pub(crate) name: String,
-    /// For each row, the number of its averaging window in the run. A matrix with other candidate terms may lack some
-    /// of these windows.
+    /// For each row, the number of its averaging window in the run. With other candidate terms, other windows may be
+    /// missing, because a term has no value.
     pub(crate) windows: Vec<u128>,
     /// Time of each row, in seconds since the first row of the run.
     pub(crate) seconds: Vec<f64>,
-    /// Cz that would compensate the whole error, µm. It is −e, counted from the cold value of e.
+    /// Cz (compensation value) that would compensate the whole error, µm. The Cz is the negative error, counted from
+    /// its cold value.
     pub(crate) target: DVector<f64>,
-    /// Rises of the inputs, in their units. Each candidate term has one column. The rises start at the same row as the
-    /// target.
+    /// Rises of the inputs, in the unit of each input. Each candidate term has one column. The rises have the same zero
+    /// point as the target.
     pub(crate) rises: DMatrix<f64>,
 }
 
@@ -87,9 +89,9 @@ impl Candidate {
 }
 
 impl Bank {
-    /// Creates the matrix of candidate terms: all inputs with these lags, and the candidates in `beside`. The square of
-    /// each speed is a candidate, too. A speed is used only with a lag, because a spindle warms the machine with a
-    /// delay.
+    /// Creates the matrix of candidate terms: all inputs with these lags, and the additional candidates in `beside`.
+    /// For a speed, the square of the speed is also a candidate. A speed is used only with a lag, because a spindle
+    /// warms the machine with a delay.
     pub(crate) fn with_speeds(
         campaign: &Campaign<'_>,
         lags: &[Option<Duration>],
@@ -112,7 +114,7 @@ impl Bank {
         Bank::new(campaign, candidates)
     }
 
-    /// Creates the matrix of candidate terms from these inputs with these lags.
+    /// Creates the matrix of candidate terms from only these inputs with these lags.
     pub(crate) fn of_inputs(
         campaign: &Campaign<'_>,
         inputs: &[usize],
@@ -167,12 +169,13 @@ impl Bank {
         self.runs.iter().map(|run| run.rises.column(column).amax()).fold(0.0, f64::max)
     }
 
-    /// Returns the measured error in the rows of all runs, µm, counted from its cold value.
+    /// Returns the measured error in the matrix rows of all runs, µm, counted from its cold value.
     pub(crate) fn errors(&self) -> Vec<f64> {
         self.runs.iter().flat_map(Traced::error).collect()
     }
 
-    /// Checks that every run has at least one row. `every` and `one` describe the inputs in the message.
+    /// Checks that every run has at least one row. `every` and `one` are words for the inputs in the message, for all
+    /// of them and for a single one.
     ///
     /// # Errors
     /// Returns a message that names the run without rows.
@@ -192,14 +195,14 @@ impl Bank {
         self.runs_in_parallel(|run| Gram::of(&run.rises, &run.target))
     }
 
-    /// Applies `of` to each run in parallel. The results are in the order of the runs.
+    /// Calls `of` for each run in parallel. Returns the results in the order of the runs.
     pub(crate) fn runs_in_parallel<T: Send>(&self, of: impl Fn(&Traced) -> T + Sync + Send) -> Vec<T> {
         self.runs.par_iter().map(of).collect()
     }
 }
 
 impl Traced {
-    /// Returns the measured error, µm, counted from its cold value.
+    /// Returns the measured error in each matrix row of the run, µm, counted from its cold value.
     pub(crate) fn error(&self) -> Vec<f64> {
         self.target.iter().map(|target| -target).collect()
     }
@@ -268,7 +271,7 @@ pub(crate) fn trace(campaign: &Campaign<'_>, run: usize, candidates: &[Candidate
     }
 }
 
-/// Sums of the log rows in one averaging window: number of rows, number of rows with an error, and the sums of their
+/// Sums over the log rows in one averaging window: number of rows, number of rows with an error, and sums of the row
 /// values.
 struct Window {
     index: u128,
@@ -291,8 +294,8 @@ impl Window {
     }
 }
 
-/// Returns the input of a candidate. The rise of a temperature is counted from machine start, that of a speed from
-/// zero.
+/// Returns the gateway input of a candidate. The rise of a temperature is counted from machine start. The rise of a
+/// speed is the speed itself, because its reference is zero.
 fn input(campaign: &Campaign<'_>, candidate: &Candidate) -> Input {
     let own = &campaign.inputs[candidate.input];
     let reference = if own.is_speed() { Reference::Fixed(Celsius::ZERO) } else { Reference::Start };

@@ -1,4 +1,5 @@
-//! Logged runs as the gateway would read them: through the signals of a profile, with one measured error.
+//! Logged runs as the gateway would read them: through the signals of a profile, with one measured error. The target of
+//! a model is the Cz (compensation value) that would leave no error.
 
 use std::borrow::Cow;
 use std::cmp::Ordering;
@@ -15,31 +16,33 @@ use isotherm_core::quantity::{Micron, MicronPerSecond, Moment};
 use isotherm_core::reading::{Reading, Reason, SignalId};
 use isotherm_profile::{Axis, Profile, Unit};
 
-/// Averaging time of a reference (value that is subtracted from a signal) if the profile has no `settle`.
+/// Averaging time of a reference if the profile has no `settle`. A reference is a value that is subtracted from a
+/// signal.
 pub(crate) const USUAL_SETTLE: Duration = Duration::from_secs(180);
 
 /// Input of an identification: the logged runs, the possible inputs of a model, and the error to compensate.
 #[derive(Clone, Debug)]
 pub(crate) struct Campaign<'a> {
-    /// Logs, with their faults repaired.
+    /// Logged runs, in which the faults of sensors are repaired.
     pub(crate) dataset: Cow<'a, Dataset>,
     /// Possible inputs of a model.
     pub(crate) inputs: Vec<Input>,
     /// Index of the log column with the measured error e, µm.
     pub(crate) error: usize,
-    /// Machine settings of the profile. Without `settle` in the profile, the time is [`USUAL_SETTLE`].
+    /// Machine settings of the profile. If the profile has no `settle`, this field contains [`USUAL_SETTLE`] instead.
     pub(crate) machine: MachineSettings,
     /// Time over which the rows of the logs are averaged; zero means no averaging.
     pub(crate) resample: Duration,
-    /// Position of the axis, for errors that were measured at several positions; `None` for one position.
+    /// Position signal of the axis, if the error was measured at several positions; `None` if it was measured at one
+    /// position.
     pub(crate) position: Option<Position>,
     pub(crate) axes: Vec<AxisSettings>,
-    /// Column of each signal of the profile; `None` if the dataset does not have it.
+    /// Log column of each signal of the profile; `None` if the logs do not have that signal.
     columns: Vec<Option<Channel>>,
     mending: Option<Mending<'a>>,
 }
 
-/// Log column of a signal, and the range of its valid values, if the profile limits it.
+/// Index of the log column of a signal, and the range of valid values; `None` if the profile gives no range.
 type Channel = (usize, Option<(f64, f64)>);
 
 /// Possible input of a model: a signal of the profile with its log column.
@@ -60,11 +63,11 @@ impl Input {
     }
 }
 
-/// Signal of the axis position, with its reference position.
+/// Position signal of the axis, with the reference position of the slope.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Position {
     pub(crate) input: Input,
-    /// Reference position, at which the slope adds nothing to Cz, mm.
+    /// Reference position, mm. At this position, the slope adds nothing to Cz (the compensation value).
     pub(crate) reference: f64,
 }
 
@@ -97,7 +100,7 @@ impl<'a> Campaign<'a> {
         }
     }
 
-    /// Creates a campaign without a profile: every column is a signal, in the same order.
+    /// Creates a campaign without a profile: every log column becomes a signal, in the order of the columns.
     pub(crate) fn of_columns(
         dataset: &'a Dataset,
         error: usize,
@@ -118,12 +121,12 @@ impl<'a> Campaign<'a> {
         }
     }
 
-    /// Returns the inputs that are not speeds.
+    /// Returns the indices of the inputs that are not speeds.
     pub(crate) fn sensors(&self) -> Vec<usize> {
         (0..self.inputs.len()).filter(|input| !self.inputs[*input].is_speed()).collect()
     }
 
-    /// Replaces the logs by the repaired ones.
+    /// Replaces the logged runs by those with repaired sensor faults, if there are any repairs.
     #[must_use]
     pub(super) fn with_mending(self, mending: Option<Mending<'a>>) -> Campaign<'a> {
         match &mending {
@@ -132,14 +135,14 @@ impl<'a> Campaign<'a> {
         }
     }
 
-    /// Returns the campaign in which the other runs are repaired without data from the run `run`. `None` if no repair
-    /// used data from that run.
+    /// Returns a campaign for a test on the run `run`, which is held out. In this campaign, the faults of the other
+    /// runs are repaired without data from `run`. `None` if no repair used data from `run`.
     pub(super) fn never_saw(&self, run: usize) -> Option<Campaign<'a>> {
         let dataset = self.mending.as_ref()?.never_saw(run)?;
         Some(Campaign { dataset: Cow::Owned(dataset), ..self.clone() })
     }
 
-    /// Returns the campaign with one additional input. The readings of this input are used as recorded.
+    /// Returns the campaign with one additional input. No fault of this input is repaired.
     #[must_use]
     pub(crate) fn with_input(&self, input: Input) -> Campaign<'a> {
         let mut inputs = self.inputs.clone();
@@ -147,8 +150,9 @@ impl<'a> Campaign<'a> {
         Campaign { inputs, ..self.clone() }
     }
 
-    /// Returns for each row of a run whether it is masked, because some sensor was frozen. Masked rows are used neither
-    /// to identify nor to test any model, whichever its inputs are. Therefore all models are tested on the same rows.
+    /// Returns for each row of a run whether the row is masked because some sensor was frozen in it. No model is
+    /// identified from masked rows or tested on them, even if it does not use the frozen sensor. Therefore all models
+    /// are tested on the same rows.
     pub(super) fn masked(&self, run: usize) -> Vec<bool> {
         let rows = self.dataset.runs.get(run).map_or(0, |run| run.times.len());
         let mut masked = vec![false; rows];
@@ -167,13 +171,13 @@ impl<'a> Campaign<'a> {
         usual.max(self.resample.as_secs_f64()).max(1e-3)
     }
 
-    /// Returns the number of log rows in one independent sample, if rows closer in time than `independent` depend on
-    /// each other.
+    /// Returns the number of log rows that count as one independent sample, if rows closer in time than `independent`
+    /// depend on each other.
     pub(crate) fn rows_per_sample(&self, independent: Duration) -> f64 {
         (independent.as_secs_f64() / self.row_seconds()).max(1.0)
     }
 
-    /// Replaces the content of `readings` by the readings of one log row, with the range checks of the gateway.
+    /// Replaces the content of `readings` by the signal values in one log row, with the range checks of the gateway.
     pub(super) fn readings(&self, run: &Run, row: usize, now: Moment, readings: &mut Vec<Reading>) {
         readings.clear();
         readings.extend(self.columns.iter().map(|channel| {
@@ -190,7 +194,7 @@ impl<'a> Campaign<'a> {
     }
 
     /// Returns the time of the machine start in this run: the first row in which the profile's machine signal is on. If
-    /// the logs do not have that signal, the first row with a usable reading.
+    /// the profile has no machine signal, the start is the first row with a usable reading.
     pub(super) fn start(&self, run: &Run) -> Option<Moment> {
         let mut readings = Vec::new();
         run.times.iter().enumerate().find_map(|(row, now)| {
@@ -203,10 +207,10 @@ impl<'a> Campaign<'a> {
         })
     }
 
-    /// Returns the target of each row, µm: the Cz that would leave no error. The target is −e, counted from the mean of
-    /// e while the references settle. With several positions, each position has its own mean, because the cold error of
-    /// a scale is no drift. At a position that is first visited after the references have settled, the error is counted
-    /// from the first visit.
+    /// Returns the target of each row, µm: the Cz that would leave no error. The target is the mean of e while the
+    /// references settle, minus e. With several positions, each position has its own mean, because the cold error of a
+    /// scale is not a drift. At a position that is first visited after the references have settled, the error is
+    /// counted from the first visit.
     pub(super) fn targets(&self, run: &Run) -> Vec<Target> {
         if let Errors::Touched(datum) = run.origin.errors {
             return self.touched(run, datum);
@@ -240,9 +244,9 @@ impl<'a> Campaign<'a> {
 }
 
 impl Campaign<'_> {
-    /// Returns the Cz that would leave no error at the datum (zero point) of a run and at each of its touches, µm. Cz
-    /// at the datum is 0, and the error of each touch is counted from there. The datum is the first row at or after
-    /// `datum` in which every input has a value.
+    /// Returns the target of each row of a run with touches, µm. The target is 0 at the datum (zero point). The error
+    /// of each touch is counted from the error at the datum. The target is NaN in rows without a touch. The datum is
+    /// the first row at or after `datum` in which every input has a value.
     fn touched(&self, run: &Run, datum: TouchDatum) -> Vec<Target> {
         let errors = &run.values[self.error];
         let first = match datum {
@@ -270,7 +274,7 @@ impl Campaign<'_> {
         errors.iter().enumerate().map(target).collect()
     }
 
-    /// Returns the number of touches (probings) in a run with this number of rows; its datum is one of these rows.
+    /// Returns the number of touches in a run with `rows` rows. One of these rows is the datum, which is not a touch.
     /// `None` if the errors of the run were recorded row by row.
     pub(super) fn touches(&self, run: usize, rows: usize) -> Option<usize> {
         let is_touched = self.dataset.runs.get(run).is_some_and(Run::is_touched);
@@ -281,11 +285,11 @@ impl Campaign<'_> {
 /// Target of a model (Cz that would leave no error) at one log row.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Target {
-    /// Target Cz, µm. NaN if the error is missing, and before the machine starts.
+    /// Target Cz, µm. NaN if the error is missing in the row, or if the row is before the zero point.
     pub(super) cz: f64,
-    /// Log row from which the target and the rises of a model are both counted, because the machine was already warm in
-    /// that row. This is the first visit of the position after the references had settled, or the datum of touches
-    /// without a machine start. `None` if both are counted from machine start.
+    /// Row that is the zero point of the target and of the rises, if the machine was already warm in that row. The row
+    /// is the first visit of the position, or the datum of touches without a machine start. `None` if machine start is
+    /// the zero point.
     pub(super) since: Option<usize>,
 }
 
@@ -293,8 +297,8 @@ impl Target {
     const UNKNOWN: Target = Target { cz: f64::NAN, since: None };
 }
 
-/// Returns an axis without models, whose Cz is zero. The axis is due at every log row, because references are captured
-/// only when an axis is due.
+/// Returns an axis without models, whose Cz is always zero. Its compensation period is so short that it is due at every
+/// log row. The gateway captures references only when an axis is due.
 fn onlooker() -> AxisSettings {
     AxisSettings {
         name: "onlooker".to_owned(),
@@ -316,7 +320,7 @@ fn onlooker() -> AxisSettings {
     }
 }
 
-/// Rounds a position to whole millimetres. Positions in the same millimetre are treated as equal.
+/// Rounds a position to whole millimetres. Two positions that round to the same millimetre are treated as equal.
 fn whole(place: f64) -> i64 {
     #[allow(clippy::cast_possible_truncation, reason = "a travel in mm; beyond it the cast saturates")]
     let whole = place.round() as i64;

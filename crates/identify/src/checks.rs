@@ -7,18 +7,18 @@ use crate::faults::Finding;
 use crate::statistics::{least_and_most, mean};
 use isotherm_profile::{counted, duration_text};
 
-/// Maximum temperature of a cold workshop, °C. If the first values of all sensors are above it, they are probably in
-/// °F.
+/// Maximum temperature of a cold workshop, °C. If the first value of every sensor is above this limit, the values are
+/// probably in °F or K.
 const COLD_SHOP: f64 = 45.0;
-/// Limit for the first values of all sensors above which the values are in K.
+/// Temperature in °C above which the first values of all sensors are certainly in K.
 const KELVIN: f64 = 200.0;
-/// Minimum duration of a run with a measurable drift.
+/// Minimum duration of a run. A shorter run shows no measurable drift.
 pub(super) const SHORTEST_RUN: Duration = Duration::from_secs(20 * 60);
-/// Maximum duration of a run. If a time column in seconds is read as minutes, a run of four hours exceeds it.
+/// Maximum duration of a run. A run of four hours exceeds this limit if its times in seconds are read as minutes.
 const LONGEST_RUN: Duration = Duration::from_secs(10 * 24 * 3600);
-/// Maximum range of the position of an error measurement at one position, mm.
+/// Maximum range of the position, mm, for which the error counts as measured at one position.
 const LONGEST_AT_ONE_PLACE: f64 = 1.0;
-/// Minimum range of an error, µm. A smaller one is noise or a column of zeros.
+/// Minimum range of an error, µm. A column with a smaller range is constant.
 const STANDS_STILL: f64 = 1e-6;
 
 pub(super) fn check_runs(dataset: &Dataset, wrong: &mut Vec<String>) {
@@ -26,7 +26,7 @@ pub(super) fn check_runs(dataset: &Dataset, wrong: &mut Vec<String>) {
     wrong.extend(dataset.runs.iter().filter_map(odd_length));
 }
 
-/// Adds a message for each of these columns that has too many values that no sensor measured.
+/// For each of these columns that contains too many implausible values (not measured by the sensor), adds a message.
 pub(super) fn check_plausible(
     dataset: &Dataset,
     columns: impl Iterator<Item = usize>,
@@ -49,15 +49,17 @@ pub(super) fn one_run_only(dataset: &Dataset) -> Option<String> {
     ))
 }
 
-/// Returns a message if the length of a run suggests a wrong unit of its time column; `None` otherwise.
+/// Returns a message if a run is so short or so long that the unit of its time column is probably wrong; `None`
+/// otherwise.
 pub(super) fn odd_length(run: &Run) -> Option<String> {
     let odd = match run.lasts() {
         lasts if lasts < SHORTEST_RUN => {
-            "too short to show a thermal drift. Numbers without a unit in the name of their column are seconds; state \
-             another unit with --time-unit min, h, d or excel"
+            "too short to show a thermal drift. If the name of the time column has no unit, its numbers are \
+             read as seconds. State another unit with --time-unit min, h, d or excel"
         }
         lasts if lasts > LONGEST_RUN => {
-            "if the times have another unit, state it with --time-unit; otherwise split the log with --gap 1h"
+            "too long for one run. If the times have another unit, state this unit with --time-unit; \
+             otherwise split the log with --gap 1h"
         }
         _ => return None,
     };
@@ -65,8 +67,8 @@ pub(super) fn odd_length(run: &Run) -> Option<String> {
     Some(format!("{} lasts {shown} ({}): {odd}", run.name, counted(run.times.len(), "row")))
 }
 
-/// Returns a message if the first values of all temperatures are too high for °C, so that they are in °F or K; `None`
-/// otherwise.
+/// Returns a message if the first values of all temperatures are too high for °C, because the values are in °F or K.
+/// `None` otherwise.
 pub(super) fn fahrenheit(dataset: &Dataset, temperatures: &[usize]) -> Option<String> {
     let first = |column: &usize| {
         let mut values = dataset.runs.iter().flat_map(|run| &run.values[*column]);
@@ -79,8 +81,9 @@ pub(super) fn fahrenheit(dataset: &Dataset, temperatures: &[usize]) -> Option<St
     };
     (coldest > COLD_SHOP).then(|| {
         format!(
-            "every temperature begins at {coldest:.0} or more: that is {unit} ({coldest:.0} {unit} = {as_celsius:.0} °C), or \
-             another unit. Write the unit after the names of the columns, as in `bed [{unit}]`, or write °C: {how}"
+            "the first value of every temperature is {coldest:.0} or more: these values are in {unit} \
+             ({coldest:.0} {unit} = {as_celsius:.0} °C), or in another unit. Write the unit after the names \
+             of the columns, as in `bed [{unit}]`, or convert the values to °C: {how}"
         )
     })
 }
@@ -88,8 +91,8 @@ pub(super) fn fahrenheit(dataset: &Dataset, temperatures: &[usize]) -> Option<St
 /// Returns the message about a displacement column in mm.
 pub(super) fn in_mm(name: &str) -> String {
     format!(
-        "{name} is in mm by its name or unit, and the error is needed in µm. Write µm, or let the name end with _um [mm]: \
-         then the values are converted"
+        "{name} is in mm according to its name or unit, but the error is needed in µm. Write the values in \
+         µm. Or let the name of the column end with `_um [mm]`: then the values are converted"
     )
 }
 
@@ -112,11 +115,15 @@ pub(super) fn check_error(dataset: &Dataset, error: usize, wrong: &mut Vec<Strin
     } else if widest < 0.05 && dataset.columns[error].kind != Kind::Other {
         let rows: usize = dataset.runs.iter().map(rows).sum();
         let mean = mean(&ranges);
-        wrong.push(format!("{name} changes by {mean:.4} over {rows} rows: these are probably mm; write µm"));
+        wrong.push(format!(
+            "{name} changes by only {mean:.4} over {rows} rows: the values are probably in mm; write them in \
+             µm"
+        ));
     }
 }
 
-/// Returns a message if the error may depend on a recorded position that no model uses; `None` if it does not.
+/// Returns a message if the error was measured over a range of positions, but no model uses the position. `None`
+/// otherwise.
 pub(super) fn unused_position(dataset: &Dataset, error: usize) -> Option<String> {
     let moved = |column: &usize| {
         let places = dataset.runs.iter().flat_map(|run| {
@@ -130,20 +137,21 @@ pub(super) fn unused_position(dataset: &Dataset, error: usize) -> Option<String>
     let travel = moved(&widest);
     (travel > LONGEST_AT_ONE_PLACE).then(|| {
         format!(
-            "the error was measured over {travel:.0} mm of {name}, which no term uses: --method position --position {name} finds \
-             how the error changes along the axis"
+            "the error was measured over {travel:.0} mm of {name}, but no term of the model uses this \
+             position. Add --method position --position {name} to model how the error changes along the axis"
         )
     })
 }
 
-/// Returns the reason why the log column of this name was not used, as the end of a sentence. The result is empty if no
-/// log has that column.
+/// Returns the reason why the log column of this name was not used, with a colon before it, for the end of a sentence.
+/// The result is empty if no log has that column.
 pub(super) fn why_lost(dataset: &Dataset, name: &str) -> String {
     let lost = dataset.lost.iter().find(|lost| lost.column == name);
     lost.map(|lost| format!(": {}", lost.message)).unwrap_or_default()
 }
 
-/// Returns the log column of this name. If the column is missing, adds a message to `wrong` and returns `None`.
+/// Returns the index of the log column of this name. If the column is missing, adds a message to `wrong` and returns
+/// `None`.
 pub(super) fn column_of(dataset: &Dataset, name: &str, wrong: &mut Vec<String>) -> Option<usize> {
     let found = dataset.column(name);
     if found.is_none() {
@@ -151,7 +159,7 @@ pub(super) fn column_of(dataset: &Dataset, name: &str, wrong: &mut Vec<String>) 
             why if why.is_empty() => nearest(name, &dataset.names()),
             why => why,
         };
-        wrong.push(format!("no log has a column of numbers `{name}`{why}"));
+        wrong.push(format!("no log has a column `{name}` that contains numbers{why}"));
     }
     found
 }

@@ -1,4 +1,5 @@
-//! Collinearity of the terms of a model.
+//! Collinearity of the terms of a model: how similar the values of the terms are. The gains of similar terms are
+//! uncertain.
 
 use nalgebra::SymmetricEigen;
 
@@ -7,12 +8,13 @@ use crate::campaign::Campaign;
 use crate::gram::Gram;
 
 /// Collinearity of some terms of a model (Belsley, Kuh, Welsch 1980). The values of each term are scaled to root mean
-/// square 1. They are not centred, because the model has no intercept.
+/// square 1. The mean is not subtracted, because the model has no constant term.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Collinearity {
     /// Condition number: ratio of the largest singular value to the smallest.
     pub(crate) condition: f64,
-    /// Variance inflation factor of each term: ratio of the variance of its gain to the variance without similar terms.
+    /// Variance inflation factor of each term: variance of its gain, divided by the variance that it would have without
+    /// the similar terms.
     pub(crate) inflation: Vec<f64>,
 }
 

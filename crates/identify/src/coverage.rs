@@ -1,19 +1,19 @@
-//! Held-out runs whose values go far beyond those of all other runs. A model identified from the other runs does not
-//! predict such a run well.
+//! Finds held-out runs whose values go far beyond the values of all other runs. A model that was identified from the
+//! other runs does not predict such a run well.
 
 use crate::bank::Bank;
 use crate::campaign::Campaign;
 use crate::statistics::least_and_most;
 
-/// Share of the span (maximum minus minimum) of one run. The run goes far beyond the others if the span of all other
-/// runs together is smaller than this share.
+/// Limit of the ratio of two spans (maximum minus minimum): the span of all other runs together, divided by the span of
+/// one run. Below this limit, that run goes far beyond the others.
 const ALIKE: f64 = 1.0 / 3.0;
 /// Minimum spans (maximum minus minimum) of the error in µm, of temperatures in °C, and of speeds in rpm. Smaller spans
 /// are ignored.
 const MOVES_UM: f64 = 0.5;
 const MOVES_C: f64 = 0.5;
 const MOVES_RPM: f64 = 100.0;
-/// Maximum number of quantities in the message of a run.
+/// Maximum number of quantities that the message about one run names.
 const MOST_NAMED: usize = 4;
 
 /// Smallest and largest value of a quantity in a run.
@@ -24,15 +24,15 @@ type Span = (f64, f64);
 struct Quantity<'a> {
     name: &'a str,
     unit: &'a str,
-    /// Span below which the quantity is ignored in a run.
+    /// Minimum span. If the span of the quantity in a run is smaller, the quantity is ignored in that run.
     moves: f64,
-    /// Smallest and largest value in each run.
+    /// Smallest and largest value of the quantity in each run.
     spans: Vec<Span>,
 }
 
 impl Quantity<'_> {
-    /// Returns a text that compares the span of a run with all others. `None` if the run does not go far beyond the
-    /// others.
+    /// Returns a text that compares the span of a run with the span of all other runs. `None` if the run does not go
+    /// far beyond them.
     fn beyond(&self, run: usize) -> Option<String> {
         let Quantity { name, unit, moves, spans } = self;
         let others = spans.iter().enumerate().filter(|(other, _)| *other != run);
@@ -59,8 +59,9 @@ pub(crate) fn alike(campaign: &Campaign<'_>, bank: &Bank) -> Vec<String> {
         let beyond: Vec<String> = beyond.take(MOST_NAMED).collect();
         if !beyond.is_empty() {
             found.push(format!(
-                "the other runs differ little compared with {}: {}. A model of similar days does not predict \
-                 a different day well: record days that differ as much as the days of the machine do",
+                "the other runs cover only a small part of the values in {}: {}. A model that was identified \
+                 from similar days does not predict a different day well. Record days that differ as much as \
+                 the days on which the machine is used",
                 run.name,
                 beyond.join(", ")
             ));

@@ -3,10 +3,11 @@
 //! ```text
 //! file ── table (cells by column) ── split ── runs        kinds guessed from names, units and values
 //! ```
-//! A log is a CSV file with any separator of a spreadsheet, or a Parquet file. Its time column is the first column
-//! named `time`, `time_s` or `time_min`, or a similar name that loggers use. `time` is in seconds, in RFC 3339, or a
-//! local date and time. Every other column has one number per row (NaN if missing), or text. Values that no sensor
-//! measured are left out. A remark gives the file, the line and the value of each.
+//! A log is a table of measured values over time: a CSV file with any separator of a spreadsheet, a workbook, or a
+//! Parquet file. Its time column is the first column named `time`, `time_s` or `time_min`, or a similar name that
+//! loggers use. A time is a number of seconds, a text in RFC 3339, or a local date and time. Every other column has one
+//! number per row (NaN if missing), or text. Implausible values, which no sensor measured, are left out. A remark names
+//! the file, the line and the value of each.
 
 use std::collections::{HashMap, HashSet};
 use std::path::{Path, PathBuf};
@@ -61,14 +62,15 @@ use formats::read_table;
 use split::Divided;
 use table::Table;
 
-/// Reason why a log column is not used if its quantity is unknown.
-const UNKNOWN_QUANTITY: &str = "no temperature, displacement, speed or position by its unit, name and values. If it is \
-                                one, let the name end with its unit, such as _c or _um";
+/// Reason why a log column is not used if the kind of its quantity cannot be detected.
+const UNKNOWN_QUANTITY: &str = "its unit, name and values do not show that it is a temperature, displacement, \
+                                speed or position. If it is one of these, let its name end with the unit, for \
+                                example `_c` or `_um`";
 
-/// Several runs with the same columns.
+/// Logged runs of a machine. All runs have the same columns.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Dataset {
-    /// Columns of the runs, in the order of the first file, without the time.
+    /// Columns of the runs without the time column, in the order of the first file.
     pub columns: Vec<Column>,
     /// Unused columns of the log files. Their values are not stored.
     pub unread: Vec<Column>,
@@ -76,14 +78,15 @@ pub struct Dataset {
     pub runs: Vec<Run>,
     /// Remarks about unusual data that could be read nevertheless.
     pub remarks: Vec<String>,
-    /// Columns that are used, but have no number in one of the logs, with that file and the reason.
+    /// Used columns that have no number in one of the logs. Each item gives that log file and the reason.
     pub lost: Vec<Refusal>,
-    /// Columns that are not used, and have no number in one of the logs, with that file and the reason.
+    /// Unused columns that have no number in one of the logs. Each item gives that log file and the reason.
     pub texts: Vec<Refusal>,
-    /// Columns with too many values that no sensor measured. A command that uses one of these columns must reject the
-    /// logs.
+    /// Columns with too many implausible values (not measured by the sensor). A command that uses one of these columns
+    /// must reject the logs.
     pub implausible: Vec<Refusal>,
-    /// Sentences about runs that contain the same minutes. Such runs must not be used to test a model.
+    /// Sentences about pairs of runs that contain the same minutes, for example a file and its copy. A model must not
+    /// be tested on such runs.
     pub repeats: Vec<String>,
 }
 
@@ -106,10 +109,10 @@ pub struct Column {
 }
 
 impl Dataset {
-    /// Reads log files, and all logs in directories, and divides them into runs.
+    /// Reads log files, and all logs in the named directories, and divides them into runs.
     ///
     /// # Errors
-    /// Something cannot be read. Each message contains file, line and column.
+    /// A file cannot be read, or contains an invalid value. Each message contains file, line and column.
     pub fn read(
         files: &[PathBuf],
         split: &Split,
@@ -129,12 +132,12 @@ impl Dataset {
     }
 
     /// Adds the readings of a dial gauge as the column `error`. The file has a time column and one column in µm, or in
-    /// mm if its name ends with `_mm`. Each reading goes to the row that is nearest in time, within the duration
-    /// `within`.
+    /// mm if its name ends with `_mm`. Each value of the gauge is added to the log row that is nearest in time, at most
+    /// `within` away.
     ///
     /// # Errors
     /// - The file has another form.
-    /// - No reading is near a row.
+    /// - No value of the gauge is near a log row in time.
     /// - The logs have a column `error` already, or overlap in time.
     pub fn add_gauge(
         &mut self,
@@ -185,14 +188,14 @@ impl Dataset {
         Ok(Dataset { columns, unread, remarks, runs, lost, texts, implausible, repeats })
     }
 
-    /// Returns the columns that a command does not use, with the reason. `is_used` returns whether the command uses a
-    /// column.
+    /// Returns the columns that a command does not use, each with the reason. `is_used` decides whether the command
+    /// uses a column.
     pub fn unused(&self, is_used: &dyn Fn(&Column) -> bool) -> Vec<UnusedColumn> {
         // The touches of a probe are used, although their columns are not kept.
         let read = self.columns.iter().chain(&self.unread).filter(|column| !is_used(column));
         let why = |column: &Column| match column.kind {
             Kind::Other => UNKNOWN_QUANTITY.to_owned(),
-            kind => format!("{kind}, which was not asked for"),
+            kind => format!("{kind}, but this command did not select it"),
         };
         let mut found: Vec<UnusedColumn> =
             read.map(|column| UnusedColumn { name: column.name.clone(), why: why(column) }).collect();
@@ -204,7 +207,7 @@ impl Dataset {
         found
     }
 
-    /// Returns the names of the used log columns, then of the unused ones.
+    /// Returns the names of the used log columns, followed by the names of the unused log columns.
     pub(crate) fn names(&self) -> Vec<&str> {
         self.columns.iter().chain(&self.unread).map(|column| column.name.as_str()).collect()
     }
@@ -225,21 +228,21 @@ impl Dataset {
     }
 }
 
-/// Returns the unit of each column that has a unit in one of the logs, in the words of a profile.
+/// Returns the unit of each column that has a unit in one of the logs. The units are written as in a profile.
 fn logged_units(tables: &[Table]) -> HashMap<String, &'static str> {
     let units = tables.iter().flat_map(|table| &table.units);
     units.filter_map(|(name, unit)| Some((name.clone(), unit::of_profile(name, unit)?))).collect()
 }
 
-/// Returns the columns of a file that have a unit of a different quantity than the profile states.
+/// Returns the columns of a file whose unit belongs to another quantity than the unit in the profile.
 fn foreign(table: &Table, units: Units<'_>) -> Vec<Refusal> {
     let refusal = |(name, logged): (&String, &String)| {
         let (expected, stated) = (units(name)?, unit::of_profile(name, logged)?);
         let [own, other] = [expected, stated].map(|unit| Kind::of_name(name, Some(unit)));
         let is_foreign = own? != other? || (own == Some(Kind::Speed) && expected != stated);
         let message = format!(
-            "{}, column {name}: its unit is `{logged}`, but the signal of the profile is in {expected}: name another \
-             column",
+            "{}, column {name}: its unit is `{logged}`, but the signal of the profile is in {expected}: use \
+             another column for this signal",
             table.file.display()
         );
         is_foreign.then(|| Refusal { column: name.clone(), message })
@@ -249,7 +252,7 @@ fn foreign(table: &Table, units: Units<'_>) -> Vec<Refusal> {
     found
 }
 
-/// Returns a remark about the columns that other files have, but this file does not; `None` if it has all of them.
+/// Returns a remark about the columns that other files have, but this file lacks; `None` if this file has all columns.
 fn lacking(table: &Table, names: &[String]) -> Option<String> {
     let own: HashSet<&str> = table.names_of_numbers().collect();
     let lacking: Vec<&str> = names.iter().map(String::as_str).filter(|name| !own.contains(name)).collect();
@@ -266,7 +269,8 @@ fn lacking(table: &Table, names: &[String]) -> Option<String> {
     (!parts.is_empty()).then(|| parts.join("; "))
 }
 
-/// Returns these columns of a file, with the reason why they cannot be used.
+/// Converts these columns of a file to refusals. Each item of `columns` is a column name, and the reason why the column
+/// cannot be used.
 fn refusals(table: &Table, columns: &[(String, String)]) -> Vec<Refusal> {
     let refusal = |(name, why): &(String, String)| Refusal {
         column: name.clone(),
@@ -275,7 +279,7 @@ fn refusals(table: &Table, columns: &[(String, String)]) -> Vec<Refusal> {
     columns.iter().map(refusal).collect()
 }
 
-/// Returns a remark that names each of these columns once; `None` if there is none.
+/// Returns a remark that names each of these columns once; `None` if the list is empty.
 fn not_used(lost: &[Refusal]) -> Option<String> {
     let mut seen = HashSet::new();
     let first = lost.iter().filter(|lost| seen.insert(lost.column.as_str()));
@@ -283,7 +287,7 @@ fn not_used(lost: &[Refusal]) -> Option<String> {
     (!named.is_empty()).then(|| format!("columns without numbers, which are not used: {}", named.join("; ")))
 }
 
-/// Returns the unused columns of all files, each once, in the order of their first occurrence.
+/// Returns the unused columns of all files. Each column occurs once, in the order of first occurrence.
 fn unread(tables: &[Table], units: Units<'_>) -> Vec<Column> {
     let mut found: Vec<Column> = Vec::new();
     let mut seen = HashSet::new();

@@ -1,6 +1,6 @@
-//! Drift in a log, in the terms of ISO 230-3: how much and when each displacement changed, and which movements warmed
-//! the machine in the same period. The module only describes the drift: it applies no test duration and no limit of the
-//! standard.
+//! Drift in a log, in the terms of ISO 230-3: how much each displacement changed, when it changed, and which movements
+//! warmed the machine at that time. This module only describes the drift. It does not apply a test duration or a limit
+//! of the standard.
 
 use serde::Serialize;
 
@@ -20,7 +20,7 @@ pub(crate) use activity::is_feed;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Test {
-    /// Environmental temperature variation error: nothing turns or moves.
+    /// Environmental temperature variation error: no spindle turns, and no axis moves.
     Etve,
     /// Thermal distortion by a rotating spindle.
     Spindle,
@@ -30,7 +30,7 @@ pub enum Test {
     Rotary,
 }
 
-/// Range of a displacement, µm, below which the displacement is treated as constant.
+/// Range below which a displacement counts as constant, µm.
 const STILL: f64 = 1e-6;
 
 impl Test {
@@ -62,9 +62,9 @@ pub struct Drift {
     pub displacements: Vec<Displacement>,
     /// Change of each temperature in the log.
     pub temperatures: Vec<Temperature>,
-    /// Stages of the movement; empty if nothing moved.
+    /// Stages of the movement that warms the machine; empty if nothing moved.
     pub stages: Vec<Stage>,
-    /// Remarks about unusual data.
+    /// Remarks for the operator about unusual data.
     pub remarks: Vec<String>,
 }
 
@@ -73,21 +73,21 @@ pub struct Drift {
 pub struct Displacement {
     /// Name of the log column with the displacement.
     pub name: String,
-    /// Range of the displacement over the whole time, µm.
+    /// Range of the displacement over the whole run, µm.
     pub range_um: f64,
-    /// Range of the displacement in the first hour, µm; `None` if the log is shorter.
+    /// Range of the displacement in the first hour of the run, µm; `None` if the run is shorter than an hour.
     pub first_hour_um: Option<f64>,
-    /// Range of the displacement in the last hour, µm; `None` if the log is shorter.
+    /// Range of the displacement in the last hour of the run, µm; `None` if the run is shorter than an hour.
     pub last_hour_um: Option<f64>,
-    /// Largest range of the displacement within any 60 min, µm; `None` if the log is shorter.
+    /// Largest range of the displacement within any 60 min of the run, µm; `None` if the run is shorter than an hour.
     pub largest_60min_um: Option<f64>,
-    /// Begin of the 60 min with the largest range, h since the first row; `None` if the log is shorter.
+    /// Begin of the 60 min with the largest range, h since the first row; `None` if the run is shorter than an hour.
     pub largest_60min_from_h: Option<f64>,
-    /// Change from the first minutes to the last, µm.
+    /// Change of the displacement from the first minutes of the run to its last minutes, µm.
     pub drift_um: f64,
-    /// Change per hour, µm/h.
+    /// Change of the displacement from begin to end of the run per hour, µm/h.
     pub drift_um_per_h: f64,
-    /// Change of the displacement in each stage, µm; `None` if the log has no value of it in the stage.
+    /// Change of the displacement in each stage, µm; `None` if the displacement was not measured in the stage.
     pub stages_um: Vec<Option<f64>>,
 }
 
@@ -96,19 +96,19 @@ pub struct Displacement {
 pub struct Temperature {
     /// Name of the log column with the temperature.
     pub name: String,
-    /// Temperature in the first minutes, °C.
+    /// Mean temperature in the first minutes of the run, °C.
     pub begin_c: f64,
-    /// Temperature in the last minutes, °C.
+    /// Mean temperature in the last minutes of the run, °C.
     pub end_c: f64,
     /// Range of the temperature in the run (maximum minus minimum), K.
     pub range_k: f64,
-    /// Largest range of the temperature within any 60 min, K; `None` if the log is shorter.
+    /// Largest range of the temperature within any 60 min of the run, K; `None` if the run is shorter than an hour.
     pub largest_60min_k: Option<f64>,
 }
 
-/// Calculates the drift of every run. `displacements` names the columns; if it is empty, all columns in µm are used.
-/// `test` is the test of the standard; `None` chooses it from the movements in the log. `units` returns the unit of a
-/// column in the profile.
+/// Calculates the drift of every run. `displacements` contains the names of the columns; if it is empty, all columns in
+/// µm are used. `test` is the test of the standard; if it is `None`, the movements in the log decide. `units` returns
+/// the unit of a column in the profile.
 ///
 /// # Errors
 /// A displacement column is missing or has no values, a run has no duration, or the unit of its times is probably
@@ -133,8 +133,9 @@ pub fn drift(
     let columns: Vec<usize> = (0..dataset.columns.len()).filter(is_asked).collect();
     if columns.is_empty() && wrong.is_empty() {
         wrong.push(format!(
-            "no column is a displacement. Let the name of a column in µm end with _um, and that of a column in mm \
-             with _um [mm]. Or name a column in µm with --displacement. The columns are {all}"
+            "no column is a displacement. Let the name of a column in µm end with `_um`, and the name of a \
+             column in mm with `_um [mm]`. Or write the name of a column in µm after --displacement. The \
+             columns are {all}"
         ));
     }
     let in_mm = columns.iter().filter(|column| dataset.columns[**column].kind == Kind::Position);
@@ -157,7 +158,7 @@ pub fn drift(
         } else if run.origin.is_unit_assumed
             && let Some(odd) = checks::odd_length(run)
         {
-            wrong.push(format!("{odd}. If the times are seconds, state --time-unit s"));
+            wrong.push(format!("{odd}. If the times are in seconds, add --time-unit s"));
         }
     }
     if !wrong.is_empty() {
@@ -202,14 +203,16 @@ fn of_run(dataset: &Dataset, run: &Run, columns: &[usize], asked: Option<Test>, 
     }
 }
 
-/// Returns a remark if a displacement was measured by touches of a probe, and not row by row.
+/// Returns a remark if a displacement was measured by touches of a probe instead of in every row. `None` if it was
+/// measured in every row.
 fn over_touches(dataset: &Dataset, run: &Run, column: usize) -> Option<String> {
     let name = &dataset.columns[column].name;
     let touches = run.values[column].iter().filter(|value| value.is_finite()).count();
     let is_touched = name.contains("_measured_um") && 2 * touches < run.times.len();
     is_touched.then(|| {
         format!(
-            "{name} has {touches} touches of a probe: over all rows, its range is about 1.3 times as large"
+            "{name} was measured by {touches} touches of a probe. A measurement in every row would give a \
+             range that is about 1.3 times as large"
         )
     })
 }

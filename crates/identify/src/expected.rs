@@ -1,18 +1,18 @@
-//! Expected error of a model: a standard deviation that grows with the hours since the datum, or since the last touch
-//! of a probe. The datum is the zero point of Cz. The standard deviation is estimated from the residuals of held-out
-//! runs.
+//! Expected error of a model: the standard deviation of its residual error. The expected error grows with the hours
+//! since the datum, or since the last touch of a probe. The datum is the zero point of Cz, the compensation value. The
+//! expected error is estimated from the residuals of held-out runs.
 //!
 //! ```text
 //! σ²(h) = a·h + b        µm², h in hours
 //! ```
 //!
-//! The fit is least squares of the squared residuals on (h, 1), with a and b not negative. The fit is then repeated
-//! with the weights 1/σ⁴, because squares of normal errors scatter in proportion to σ² (gamma likelihood). Each run has
-//! the same weight. Only every fifth row is used, because neighbouring rows are similar. Touches (measurements with a
-//! probe) are all used.
+//! a and b are fitted to the squared residuals by least squares, and are not negative. The fit is then repeated with
+//! the weights 1/σ⁴, because squares of normal errors scatter in proportion to σ² (gamma likelihood). Each run has the
+//! same total weight. Of rows that were recorded continuously, only every fifth is used, because neighbouring rows are
+//! similar. Of touches (measurements with a probe), each is used.
 //!
-//! If at least three runs were measured row by row, only these runs are used. Otherwise, runs that were measured by
-//! touches are used, too.
+//! If at least three runs were measured row by row, only these runs are used. If there are fewer, the runs that were
+//! measured by touches are used, too.
 
 use serde::Serialize;
 
@@ -21,46 +21,46 @@ use crate::validate::HeldOut;
 
 const EVERY: usize = 5;
 const ROUNDS: usize = 12;
-/// Assumed interval of the probings of a machine, s.
+/// Assumed time between two touches of the probe, s.
 const TOUCHES_EVERY: f64 = 3600.0;
 
 /// Coefficients a (µm²/h) and b (µm²) of the growth σ² = a·h + b.
 pub type Growth = [f64; 2];
 
-/// Expected error of a model.
+/// Expected error of a model, as the growth of its variance σ².
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Expected {
-    /// Growth of σ² with the hours since the datum (zero point), which is the start of the run here.
+    /// Growth of σ² with the hours since the datum (zero point). In this fit, the datum is the start of the run.
     pub since_datum: Growth,
-    /// Growth of σ² with the hours since the last probing (measurement with the probe).
+    /// Growth of σ² with the hours since the last touch (measurement with the probe).
     pub since_touch: Growth,
 }
 
-/// Shares of the rows of a held-out run whose residual is within the error that is expected from the other held-out
-/// runs.
+/// Shares of the log rows of a held-out run whose residual is within the expected error. That error is estimated from
+/// the other held-out runs.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Inside {
-    /// Share of the log rows whose residual is within one standard deviation, 0 to 1; 0.68 for normal errors.
+    /// Share of the log rows whose residual is within one standard deviation, 0 to 1. It is 0.68 for normal errors.
     pub inside_1: f64,
-    /// Share of the log rows whose residual is within two standard deviations, 0 to 1; 0.95 for normal errors.
+    /// Share of the log rows whose residual is within two standard deviations, 0 to 1. It is 0.95 for normal errors.
     pub inside_2: f64,
 }
 
-/// Hours since the datum or the last touch, squared residual in µm², and weight.
+/// Row for the fit: hours since the datum or the last touch, squared residual in µm², and weight.
 type Row = (f64, f64, f64);
 
 /// Estimates the expected error from the held-out runs.
 ///
 /// # Errors
-/// Returns the reason why no expected error is known: all residuals are zero, or there are fewer than three runs. With
-/// two runs, each model is identified from one run only.
+/// Returns the reason why no expected error is known: all residuals are zero, or there are fewer than three runs. Two
+/// runs are too few, because each held-out model would be identified from one run only.
 pub(crate) fn expected(held_out: &[HeldOut]) -> Result<Expected, &'static str> {
-    is_enough(held_out).ok_or("it needs three runs, of which each is held out in turn")?;
+    is_enough(held_out).ok_or("at least three runs are needed, because each run is held out in turn")?;
     let used = preferred(held_out.iter(), 3);
     let all = |rows: fn(&HeldOut) -> Vec<Row>| growth(used.iter().flat_map(|held| rows(held)).collect());
-    let since_datum = all(since_datum).ok_or("no held-out run has a residual error")?;
+    let since_datum = all(since_datum).ok_or("the residual error is zero in every held-out run")?;
     let since_touch =
-        all(since_touch).ok_or("the residual error of no held-out run changes within an hour")?;
+        all(since_touch).ok_or("the residual error does not change within an hour in any held-out run")?;
     Ok(Expected { since_datum, since_touch })
 }
 
@@ -74,8 +74,8 @@ fn is_enough(held_out: &[HeldOut]) -> Option<()> {
     (held_out.len() > 2).then_some(())
 }
 
-/// Returns the shares of the rows of this run that are within the error expected from the other runs. `None` if the
-/// other runs give no expected error.
+/// Returns the shares of the rows of this run whose residual is within the expected error. That error is estimated from
+/// the other runs. `None` if it cannot be estimated from them.
 pub(crate) fn inside(held_out: &[HeldOut], run: usize) -> Option<Inside> {
     is_enough(held_out)?;
     let others = held_out.iter().enumerate().filter(|(other, _)| *other != run).map(|(_, held)| held);
@@ -115,7 +115,8 @@ fn since_touch(held: &HeldOut) -> Vec<Row> {
     rows(since.zip(left), step(held))
 }
 
-/// Returns the step between the rows of a run that are used: 1 for touches, more for rows of a log.
+/// Returns the distance between two used rows of a run, in rows: 1 for touches, more for rows that were recorded
+/// continuously.
 fn step(held: &HeldOut) -> usize {
     if held.is_touched() { 1 } else { EVERY }
 }
@@ -144,7 +145,8 @@ fn growth(rows: Vec<Row>) -> Option<Growth> {
     Some(found)
 }
 
-/// Returns the coefficients a and b of a weighted least-squares line, with neither of them negative.
+/// Returns the coefficients a and b of the least-squares line through weighted rows. Both coefficients are at least
+/// zero.
 fn line(rows: &[Row]) -> Growth {
     let sum = |of: &dyn Fn(f64, f64) -> f64| rows.iter().map(|(h, y, w)| w * of(*h, *y)).sum::<f64>();
     let (n, h, hh) = (sum(&|_, _| 1.0), sum(&|h, _| h), sum(&|h, _| h * h));

@@ -1,5 +1,5 @@
-//! Content of a report besides the model: machine, runs, limits of the axis, and drift of each run. Programs read this
-//! content as JSON; the HTML report shows the same.
+//! Facts in a report in addition to the model: machine, runs, limits of the axis, and drift of each run. The JSON
+//! document contains these facts for programs. The HTML report shows the same facts.
 
 use serde_json::{Value, json};
 
@@ -14,7 +14,7 @@ use isotherm_core::quantity::Moment;
 use isotherm_html::rfc3339;
 use isotherm_profile::Profile;
 
-/// Creates the JSON document of `isotherm identify`: the result, with the machine and the logs.
+/// Creates the JSON document of `isotherm identify`: the identified model, with facts about the machine and the logs.
 ///
 /// # Errors
 /// A number cannot be represented in JSON.
@@ -45,7 +45,7 @@ pub(super) fn of_error(profile: &Profile, dataset: &Dataset, error: &str) -> Vec
     drifts
 }
 
-/// Returns a run as a JSON object. `begins` is null if the log counts time from its own start.
+/// Returns facts about a run as a JSON object. `begins` is null if the times of the log have no date.
 fn log(dataset: &Dataset, run: &Run, found: &Identified) -> Value {
     let span = |place: usize| {
         let (min, max) = least_and_most(&run.values[place])?;
@@ -61,7 +61,8 @@ fn log(dataset: &Dataset, run: &Run, found: &Identified) -> Value {
     })
 }
 
-/// Returns the limits of the axis as a JSON object. These limits apply to every model.
+/// Returns the limits of the axis as a JSON object. The limits apply to Cz (the compensation value), whichever model
+/// calculates it.
 fn limits(axis: &AxisSettings) -> Value {
     json!({
         "limit_um": axis.guard.limit.get(),

@@ -1,17 +1,18 @@
-//! Faults of sensors in the logs, with their times.
+//! Finds faults of temperature sensors in the logs, with their times.
 //!
-//! One faulty sensor in a model makes the worst run several times worse than no compensation. The following readings
-//! are faults:
-//! - **jump**: more than 3 °C within a minute, permanently. No casting changes that fast; the sensor is new or broken.
-//! - **spike**: more than 2 °C up or down, and back within five minutes: a bad contact.
-//! - **frozen**: a constant reading while the predictions of the other sensors move. The virtual sensors (`stand_in`)
-//!   find this fault.
-//! - **constant**: a sensor without information.
+//! With one faulty sensor in a model, the error of the worst run is several times larger than without compensation.
+//! These kinds of readings are faults:
+//! - **jump**: a permanent change of more than 3 °C within a minute. A casting cannot change so fast; the sensor was
+//!   replaced or is broken.
+//! - **spike**: a change of more than 2 °C, and back within five minutes. The cause is a bad contact.
+//! - **frozen**: a constant reading while the reading that is predicted from the other sensors moves. The module
+//!   `stand_in` finds this fault.
+//! - **constant**: a reading that never changes, so the sensor gives no information.
 //! - **missing**: no value in more than a fifth of a run.
 //!
-//! Jumps, spikes and freezes affect one run, but not the sensor in other runs. Readings with jumps or spikes are
-//! rebuilt if the good runs show that this is possible. The rows of a freeze are masked. The sensor is left out only if
-//! neither is possible.
+//! Jumps, spikes and freezes affect the sensor in one run only. Readings with jumps or spikes are corrected if the good
+//! runs show that this is possible. The rows of a freeze are masked: no model uses them. The sensor is left out only if
+//! its readings cannot be corrected or masked.
 
 use std::borrow::Cow;
 use std::time::Duration;
@@ -32,11 +33,12 @@ const JUMP: f64 = 3.0;
 /// Minimum height of a spike, °C.
 const SPIKE: f64 = 2.0;
 const SPIKE_LASTS: Duration = Duration::from_secs(300);
-/// Maximum time between the step at the end of a freeze and the minute in which the step appears, s.
+/// Maximum time between the end of a freeze and the minute in which the resulting step of the reading appears, s.
 const THAWS: f64 = 120.0;
 /// Maximum share of the rows of a run in which the reading of a sensor may be missing.
 pub(super) const MISSING: f64 = 0.2;
-/// Minimum change of the readings of a sensor in any run, °C. A sensor whose readings change less is constant.
+/// Minimum change of the readings of a sensor within some run, °C. A sensor whose readings change less in every run is
+/// constant.
 const STANDS_STILL: f64 = 1e-6;
 
 /// Sensor with a special property, for example a fault, and the reason.
@@ -54,7 +56,7 @@ pub struct Finding {
 pub struct Omission {
     /// Signal that is left out.
     pub signal: String,
-    /// Residual error with the signal, with its readings as recorded, without the log rows that were masked.
+    /// Residual error of the model with the signal. The readings are used as recorded, except in masked log rows.
     pub with_um: f64,
     /// Residual error without the signal.
     pub without_um: f64,
@@ -63,17 +65,17 @@ pub struct Omission {
 /// Facts about the logs that the operator must know, in addition to the results.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Notes {
-    /// Sensors that are left out, with the reason.
+    /// Sensors that are left out, each with the reason.
     pub excluded: Vec<Finding>,
-    /// Effect of leaving out each of these sensors, if it is known.
+    /// Effect of leaving out each of these sensors on the residual error, for those for which it could be calculated.
     pub omissions: Vec<Omission>,
-    /// Sensors that behave like the air, with the reason.
+    /// Sensors that behave like the air around the machine, each with the reason.
     pub ambient: Vec<Finding>,
-    /// Remarks about unusual findings.
+    /// Remarks for the operator about unusual findings.
     pub remarks: Vec<String>,
 }
 
-/// Repair of the readings of a sensor in one run. The sensor was faulty in that run, but is used nevertheless.
+/// Repair of the readings of one sensor in one run. The sensor had a fault in that run, but is still used.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Repaired {
     /// Name of the sensor's signal.
@@ -100,27 +102,27 @@ pub(super) struct Fault {
     pub(super) column: usize,
     /// Run of the fault; `None` means every run.
     pub(super) run: Option<usize>,
-    /// Description of the fault, with its time.
+    /// Description of the fault for a message, with the time of the fault.
     pub(super) message: String,
     pub(super) damage: Damage,
     /// Rows of the run that the fault affects.
     pub(super) rows: Vec<usize>,
 }
 
-/// Effect of a fault on a run, in the order of repair.
+/// Kind of damage that a fault causes in a run. Damage of a kind that comes first is repaired first.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) enum Damage {
-    /// Spikes: separate log rows with wrong readings.
+    /// Spikes: single log rows with wrong readings.
     Spikes,
-    /// A step that shifts the readings in all log rows after it.
+    /// Jump: a step that shifts the readings in all later log rows.
     Jump,
-    /// Constant readings for a part of the run. Their rows are masked. The readings are rebuilt only for the lagged
-    /// values after these rows.
+    /// Constant readings for a part of the run. These rows are masked, so no model uses them directly. The readings are
+    /// rebuilt only because the lagged values of later rows depend on them.
     Frozen,
-    /// Constant readings for most of the run. The readings are rebuilt and used for identification, because a mask
-    /// would leave too few rows.
+    /// Constant readings for most of the run. The readings are rebuilt and used for identification, because too few
+    /// rows would remain if these rows were masked.
     Rebuilt,
-    /// Constant readings that no other sensor can rebuild. Their rows are masked, and the readings are treated as
+    /// Constant readings that no other sensor can rebuild. These rows are masked, and the readings are treated as
     /// missing.
     Missing,
     /// Fault in unknown log rows. The sensor must be left out.
@@ -128,19 +130,19 @@ pub(super) enum Damage {
 }
 
 impl Damage {
-    /// Returns whether the reading was frozen, independent of the repair.
+    /// Returns whether the damage is a freeze (constant readings), independent of the repair.
     pub(super) fn is_frozen(self) -> bool {
         matches!(self, Damage::Frozen | Damage::Rebuilt | Damage::Missing)
     }
 }
 
-/// Returns the faults of the sensors in these log columns, except freezes, as reasons to leave them out. A jump at the
-/// end of a freeze in `frozen` is no fault.
+/// Returns the faults of the sensors in these log columns, except freezes, as findings with reasons. `frozen` contains
+/// the known freezes. A jump at the end of a freeze is not a fault.
 pub(super) fn find(dataset: &Dataset, columns: &[usize], frozen: &[Frozen]) -> Vec<Finding> {
     faults(dataset, columns, frozen).iter().map(|fault| fault.finding(dataset, "")).collect()
 }
 
-/// Log rows in which a reading was constant while the predictions of the other sensors moved.
+/// Freeze: log rows in which a reading was constant while the reading that is predicted from the other sensors moved.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Frozen {
     /// Index of the log column in the dataset.
@@ -153,7 +155,8 @@ pub(crate) struct Frozen {
     pub(crate) last: usize,
     /// Whether the run has no reading after `last`.
     pub(crate) lasts_to_the_end: bool,
-    /// Change of the temperature from the first to the last of these log rows, as the other sensors predict it, °C.
+    /// Change of the temperature from the first of these log rows to the last, °C. It is predicted from the other
+    /// sensors.
     pub(crate) missed: f64,
 }
 
@@ -170,7 +173,7 @@ impl Fault {
         Fault { column, run: Some(run), message, damage: Damage::Frozen, rows }
     }
 
-    /// Returns the freeze as a finding about the sensor. `more` is added to the message.
+    /// Returns the freeze as a finding about the sensor. The text `more` is added to the message.
     pub(super) fn finding(&self, dataset: &Dataset, more: &str) -> Finding {
         let run = self.run.map(|run| format!(" in {}", dataset.runs[run].name)).unwrap_or_default();
         let signal = dataset.columns[self.column].name.clone();
@@ -178,7 +181,8 @@ impl Fault {
     }
 }
 
-/// Returns the faults of these temperature columns, except freezes, by column and run.
+/// Returns the faults of these temperature columns, except freezes, sorted by column and run. A jump at the end of a
+/// freeze in `frozen` is not a fault.
 pub(super) fn faults(dataset: &Dataset, columns: &[usize], frozen: &[Frozen]) -> Vec<Fault> {
     columns.iter().flat_map(|column| of_column(dataset, *column, frozen)).collect()
 }
@@ -225,7 +229,8 @@ fn of_column(dataset: &Dataset, column: usize, frozen: &[Frozen]) -> Vec<Fault> 
             }
             let at = clock(own.seconds[place]);
             let message = format!(
-                "jumps by {step:+.1} °C at {at} and keeps this offset: a casting cannot change so fast"
+                "jumps by {step:+.1} °C at {at}, and the readings stay shifted: a casting cannot change so \
+                 fast"
             );
             add(Damage::Jump, rows_of_step(run, column, own.seconds[place]), message);
         }
@@ -234,7 +239,8 @@ fn of_column(dataset: &Dataset, column: usize, frozen: &[Frozen]) -> Vec<Fault> 
 }
 
 /// Returns the logs without the jumps at the ends of constant readings. Such a jump may be the end of a freeze. Only a
-/// prediction from the other sensors can show that, and its gains must not be fitted on readings that contain the jump.
+/// prediction from the other sensors can show this. The gains of that prediction must not be fitted to readings that
+/// contain the jump.
 pub(super) fn levelled<'a>(dataset: &'a Dataset, columns: &[usize]) -> Cow<'a, Dataset> {
     let mut levelled = Cow::Borrowed(dataset);
     for (number, run) in dataset.runs.iter().enumerate() {
@@ -260,7 +266,7 @@ pub(super) fn levelled<'a>(dataset: &'a Dataset, columns: &[usize]) -> Cow<'a, D
     levelled
 }
 
-/// Returns whether a minute is within [`THAWS`] of one of these steps. All times are in s.
+/// Returns whether a minute is within [`THAWS`] of any of these steps. All times are in s.
 fn is_near(minute: f64, steps: &[f64]) -> bool {
     steps.iter().any(|step| (step - minute).abs() <= THAWS)
 }
@@ -271,19 +277,19 @@ pub(super) fn missing(run: &Run, column: usize) -> f64 {
     count(gone) / count(run.times.len()).max(1.0)
 }
 
-/// Returns the start of the minute of this time, s.
+/// Returns the start of the minute that contains this time, s.
 fn minute(second: f64) -> f64 {
     (second / 60.0).floor() * 60.0
 }
 
-/// Returns the log rows within any of these time spans, s. The end of a span is excluded.
+/// Returns the log rows within any of these time spans. A span is a start and an end in s; the end is excluded.
 fn rows_within(run: &Run, spans: &[(f64, f64)]) -> Vec<usize> {
     let is_inside = |second: f64| spans.iter().any(|(from, to)| (*from..*to).contains(&second));
     run.seconds().enumerate().filter(|(_, second)| is_inside(*second)).map(|(row, _)| row).collect()
 }
 
-/// Returns the log rows of spikes. If each minute is a mean of several rows, the minutes before and after a spike may
-/// contain rows of the spike, too.
+/// Returns the log rows of spikes. The minutes next to a spike are also searched, because rows of the spike may be part
+/// of their means.
 fn rows_of_spikes(run: &Run, own: &Minutes, spikes: &[(usize, usize)]) -> Vec<usize> {
     let seconds: Vec<f64> = run.seconds().collect();
     let step = median(seconds.windows(2).map(|pair| pair[1] - pair[0]).collect());
@@ -305,7 +311,7 @@ fn rows_of_step(run: &Run, column: usize, at: f64) -> Vec<usize> {
     (first..run.times.len()).collect()
 }
 
-/// Returns for each spike the index of its first minute, and of the first good minute after it.
+/// Returns for each spike the index of its first minute, and the index of the first good minute after the spike.
 fn spikes(own: &Minutes) -> Vec<(usize, usize)> {
     let mut found = Vec::new();
     let mut place = 1;

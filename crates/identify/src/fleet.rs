@@ -1,17 +1,17 @@
-//! Gram products of runs, stored in files. The products of all runs of a fleet are added, and a model is identified
-//! from the sums, without the records.
+//! Gram products (X'X, X'y, y'y) of runs, stored in files. A fleet is a group of machines of the same type. The
+//! products of all runs of a fleet are added, and a model is identified from the sums, without the records (logs).
 //!
 //! ```text
 //! machine 1:  records ── RunProducts::of ── file ──┐
 //! machine 2:  records ── RunProducts::of ── file ──┴── add ── learn ── FleetModel ── block
 //! ```
 //! The method `whitened` needs only the sums of products of a run's columns: less than 100 kB for sixteen sensors,
-//! whatever the length of the run. The sums depend only on the run. Therefore a model from stored products equals a
-//! model from the records, to the last bit. An exception is a faulty sensor that was repaired with the help of other
+//! whatever the length of the run. The sums depend only on the run. Therefore a model from stored products is exactly
+//! equal to a model from the records. The only exception is a faulty sensor that was repaired with data from other
 //! runs.
 //!
-//! Products do not contain single rows. Therefore a model from products has no range of the error, no envelope, and no
-//! stand-ins for lost sensors.
+//! Products do not contain single rows. Therefore no range of the error, no envelope (valid range of the inputs), and
+//! no stand-ins for lost sensors can be calculated.
 
 use std::time::Duration;
 
@@ -30,7 +30,7 @@ use isotherm_profile::duration_text;
 use isotherm_profile::sha256;
 
 const FORMAT: &str = "isotherm-products";
-/// Comment in a model block: the parts that a model from products cannot have.
+/// Comment in the TOML text of a model that was identified from products. It names the missing parts of the model.
 pub(crate) const NO_VALUES: &str =
     "# No envelope and no stand-ins: products do not contain the values of the inputs.\n";
 const VERSION: u64 = 1;
@@ -49,7 +49,7 @@ pub struct RunProducts {
     runs: Vec<Run>,
 }
 
-/// Column of X in the products: a signal with a lag, or the square of that signal.
+/// Column of the matrix X of the products: a signal with a lag, or the square of such a signal.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Column {
@@ -68,7 +68,7 @@ struct Run {
     white: Sums,
 }
 
-/// Sums over the rows of a run: X'X row by row up to its diagonal, X'y, y'y, and the number of rows.
+/// Gram products over the rows of a run: the lower triangle of X'X row by row, X'y, y'y, and the number of rows.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Sums {
@@ -88,72 +88,75 @@ struct File {
     products: RunProducts,
 }
 
-/// Keys that identify the file format. They are read first, because a file of another version may have different keys.
+/// First keys of a products file, which identify the file format. They are decoded before the other keys, because a
+/// file of another version may have different keys.
 #[derive(Deserialize)]
 struct Head {
     format: Option<String>,
     version: Option<u64>,
 }
 
-/// Model from several runs: Cz is the sum of its terms.
+/// Model that was identified from several runs. Its Cz (compensation value) is the sum of its terms.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct FleetModel {
     /// Name of the axis in the profiles.
     pub axis: String,
-    /// Terms, in the order of the columns of the products.
+    /// Terms of the model, in the order of the columns of the products.
     pub terms: Vec<FleetTerm>,
     /// Number of runs from which the model was identified.
     pub from_runs: usize,
-    /// Residual error of each run with models from other runs; empty if no run was held out.
+    /// Error of each run with models that were identified without this run; empty if no run was held out.
     pub runs: Vec<RunLeft>,
     settle_s: f64,
 }
 
-/// One term of a [`FleetModel`].
+/// One term of a [`FleetModel`]: its input and its gain.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct FleetTerm {
     /// Name of the signal in the profiles.
     pub signal: String,
-    /// Unit of the signal. The gain is in µm per unit, or per its square.
+    /// Unit of the signal. The gain is in µm per this unit, or per the square of this unit if `squared` is true.
     pub unit: String,
     /// Time constant, s; 0 means no lag.
     pub lag_s: f64,
     /// Whether the input is the square of the signal.
     pub squared: bool,
-    /// Gain of the input in Cz = −e, in µm per unit of the input.
+    /// Gain of the term: its contribution to Cz, in µm per unit of the input. Cz is the negative error.
     pub gain: f64,
-    /// Gains of the two models whose mean is `gain`: the ridge regression, and the elastic net. `None` with one or two
-    /// runs, from which only a ridge regression is fitted.
+    /// Gains of the two models whose mean is `gain`: the ridge regression, and the elastic net. `None` if there are
+    /// only one or two runs, because then the model is a ridge regression alone.
     pub halves: Option<[f64; 2]>,
 }
 
-/// Measured error of a run without and with models, as root mean squares in µm.
+/// Error of a run without compensation, and with models that were identified without this run. All errors are root mean
+/// squares in µm.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct RunLeft {
     /// Name of the machine.
     pub machine: String,
     /// Name of the run.
     pub run: String,
-    /// Error without compensation.
+    /// Error of the run without compensation.
     pub uncompensated_rms_um: f64,
-    /// Error with a model from all other runs; `None` if there are no other runs.
+    /// Error of the run with a model from all other runs; `None` if there are no other runs.
     pub rms_um: Option<f64>,
-    /// Error with a model from the runs of other machines; `None` if there are no other machines.
+    /// Error of the run with a model from the runs of the other machines; `None` if there are no other machines.
     pub other_machines_rms_um: Option<f64>,
 }
 
 impl RunProducts {
-    /// Calculates the Gram products of each run of a campaign. The name `machine` distinguishes the runs of this
-    /// machine from those of other machines.
+    /// Calculates the Gram products of each run of a campaign. `machine` is the name of the machine, which
+    /// distinguishes its runs from those of other machines.
     ///
     /// # Errors
-    /// Returns a message if the settings are not `whitened` with every sensor, or if a run has no complete row.
+    /// Returns a message if a run has no complete row, or if `settings` selects another method than `whitened`, some
+    /// sensors, or a prior.
     pub fn of(ready: &Ready<'_>, machine: &str, settings: &Settings) -> Result<RunProducts, String> {
         settings.check()?;
         if settings.method != Method::Whitened || settings.sensors.is_some() || settings.prior.is_some() {
             return Err(
-                "products are only made for the method whitened, without --sensors and without a prior: \
-                 these are chosen when a model is identified from the products"
+                "products can only be calculated for the method whitened, without --sensors and without \
+                 --prior: leave these options out"
                     .to_owned(),
             );
         }
@@ -214,7 +217,10 @@ impl RunProducts {
             ));
         }
         if head.version != Some(VERSION) {
-            return Err(format!("run products of another version: this program reads version {VERSION}"));
+            return Err(format!(
+                "the file contains run products of another version: this program can only read version \
+                 {VERSION}"
+            ));
         }
         let file: File = serde_json::from_slice(bytes).map_err(|why| {
             format!("this is no file of run products (Gram products of runs, format \"{FORMAT}\"): {why}")
@@ -230,7 +236,8 @@ impl RunProducts {
         let is_right = |run: &Run| run.plain.has(width) && run.white.has(width);
         match file.products.runs.iter().find(|run| !is_right(run)) {
             Some(run) => Err(format!(
-                "run {} has products of another number of columns: make the products from the records again",
+                "the products of run {} have a wrong number of columns: make the products from the records \
+                 again",
                 run.run
             )),
             None => Ok(file.products),
@@ -263,13 +270,14 @@ impl RunProducts {
         Ok(())
     }
 
-    /// Checks that the sums of both files can be added: axis, averaging times and columns are the same, and no run is
-    /// in both files.
+    /// Checks that the sums of the two files can be added. Axis, averaging times and columns must be equal, and no run
+    /// may be in both files.
     fn fits(&self, other: &RunProducts) -> Result<(), String> {
         let (own, others) = (self.machines(), other.machines());
         if self.axis != other.axis {
             return Err(format!(
-                "the products of {own} are of axis {}, those of {others} of axis {}: one model compensates one axis",
+                "the products of {own} belong to axis {}, but those of {others} to axis {}. Use only products \
+                 of one axis, because a model compensates one axis",
                 self.axis, other.axis
             ));
         }
@@ -279,8 +287,8 @@ impl RunProducts {
         ] {
             if own_s.to_bits() != other_s.to_bits() {
                 return Err(format!(
-                    "{what} {own_s} s in the products of {own}, and {other_s} s in those of {others}: use \
-                     the same time for both"
+                    "{what} {own_s} s in the products of {own}, but {other_s} s in the products of {others}: \
+                     make all products with the same time"
                 ));
             }
         }
@@ -322,10 +330,11 @@ impl RunProducts {
         Products::kept(grams(|run| &run.plain), grams(|run| &run.white))
     }
 
-    /// Identifies a model from all runs by the method `whitened`. The last run has the weight 1, and each earlier run
-    /// `forgetting` times the weight of the run after it. No run is held out for a residual error.
+    /// Identifies a model from all runs by the method `whitened`. The last run has the weight 1. Each earlier run has
+    /// `forgetting` times the weight of the run after it. No run is held out, so the result contains no residual
+    /// errors.
     ///
-    /// When a penalty is chosen, each held-out run counts by the mean of its squared residuals. A run with eight
+    /// In the choice of a penalty, each held-out run counts with the mean of its squared residuals. A run with eight
     /// touches therefore counts as much as a run with five hundred rows.
     pub(crate) fn learn_recent(&self, forgetting: f64) -> FleetModel {
         let newest = self.runs.len().saturating_sub(1);
@@ -343,7 +352,7 @@ impl RunProducts {
         self.model(fit(&products, &all, &every, &self.bank()), Vec::new())
     }
 
-    /// Returns whether these products were calculated for the same axis, with the same columns and averaging times.
+    /// Returns whether the two products were calculated for the same axis, with the same columns and averaging times.
     pub(crate) fn is_like(&self, other: &RunProducts) -> bool {
         self.axis == other.axis
             && self.columns == other.columns
@@ -351,7 +360,7 @@ impl RunProducts {
             && self.resample_s.to_bits() == other.resample_s.to_bits()
     }
 
-    /// Returns whether these products were calculated from the same rows, even if the run has another name.
+    /// Returns whether the two products were calculated from the same rows, even if the names of the runs differ.
     pub(crate) fn has_same_rows(&self, other: &RunProducts) -> bool {
         let own = self.runs.iter().map(|run| (&run.plain, &run.white));
         self.is_like(other) && own.eq(other.runs.iter().map(|run| (&run.plain, &run.white)))
@@ -372,7 +381,7 @@ impl RunProducts {
     }
 
     /// Identifies a model from all runs by the method `whitened`. Penalties are chosen on held-out runs. The result
-    /// also contains the residual error of each run with models from the other runs.
+    /// also contains the error of each run with models that were identified without this run.
     pub fn learn(&self) -> FleetModel {
         let products = self.products();
         let bank = self.bank();
@@ -417,7 +426,7 @@ impl RunProducts {
         }
     }
 
-    /// Returns the columns of the products as a matrix of candidate terms without any rows.
+    /// Returns a matrix of candidate terms with the columns of the products, but without any rows.
     fn bank(&self) -> Bank {
         let mut signals: Vec<&str> = Vec::new();
         let mut is_speed = Vec::new();
@@ -464,7 +473,7 @@ impl Sums {
         }
     }
 
-    /// Returns whether the sums were calculated with `width` columns (terms).
+    /// Returns whether the sums have the correct lengths for `width` columns (terms).
     fn has(&self, width: usize) -> bool {
         self.cross.len() == width && self.square.len() == width * (width + 1) / 2
     }
@@ -485,7 +494,7 @@ impl Sums {
 }
 
 impl FleetModel {
-    /// Returns the model as TOML for a profile: an `[[axis.….model]]` table with comments.
+    /// Returns the model as TOML text for a profile: an `[[axis.….model]]` table with comments.
     #[must_use]
     pub fn block(&self) -> String {
         let runs = self.from_runs;
@@ -493,7 +502,7 @@ impl FleetModel {
         self.block_of("fleet", &head, "")
     }
 
-    /// Returns the terms of the model in the form of an existing model (prior).
+    /// Returns the terms of the model as a prior, towards which another model can be identified.
     pub(crate) fn prior(&self) -> Vec<PriorTerm> {
         let term = |term: &FleetTerm| PriorTerm {
             signal: term.signal.clone(),
@@ -504,7 +513,8 @@ impl FleetModel {
         self.terms.iter().map(term).collect()
     }
 
-    /// Returns the model as TOML for a profile, with this name, these comments before it, and these keys after it.
+    /// Returns the model as TOML text for a profile. `name` is the name of the model, `head` the comment before it, and
+    /// `keys` are further keys after it.
     pub(crate) fn block_of(&self, name: &str, head: &str, keys: &str) -> String {
         let term = |term: &FleetTerm| TermFound {
             signal: term.signal.clone(),

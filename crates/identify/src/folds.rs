@@ -1,17 +1,17 @@
-//! Inner cross-validation: training runs are held out in turn. A method therefore makes its choices on runs from which
-//! it was not identified.
+//! Inner cross-validation: the training runs are divided into folds, which are held out in turn. A method can therefore
+//! choose its settings on runs from which it was not identified.
 
 use crate::gram::Gram;
 
-/// Gram products (X'X, X'y, y'y) of the training runs, and of the runs that are held out.
+/// Fold: Gram products (X'X, X'y, y'y) of the training runs, and of the held-out runs.
 #[derive(Clone, Debug)]
 pub(super) struct Fold {
     pub(super) training: Gram,
     pub(super) held: Gram,
 }
 
-/// Divides the runs into groups that are held out together. Up to eight runs are single groups; more runs are divided
-/// into seven groups by index.
+/// Divides the runs into groups; the runs of one group are held out together. With up to eight runs, each run is a
+/// group. More runs are divided into seven groups by index.
 pub(super) fn folds(runs: &[usize]) -> Vec<Vec<usize>> {
     const FEW: usize = 8;
     const FOLDS: usize = 7;
@@ -21,15 +21,16 @@ pub(super) fn folds(runs: &[usize]) -> Vec<Vec<usize>> {
     (0..FOLDS).map(|number| runs.iter().copied().skip(number).step_by(FOLDS).collect()).collect()
 }
 
-/// Gram products of all training runs, and the folds of the inner cross-validation. A single run has no folds.
+/// Gram products of all training runs, and the folds of the inner cross-validation. If there is only one run, there are
+/// no folds.
 pub(super) struct Inner {
     pub(super) all: Gram,
     pub(super) folds: Vec<Fold>,
 }
 
 impl Inner {
-    /// Adds up the products of these runs, and creates the folds. `all` contains the products of every run once,
-    /// whatever the number of folds is.
+    /// Adds up the products of the runs `runs`, and creates the folds. In the field `all`, the products of each run are
+    /// contained once.
     pub(super) fn of(grams: &[Gram], runs: &[usize]) -> Inner {
         if runs.len() < 2 {
             return Inner { all: Gram::sum(grams, runs), folds: Vec::new() };
@@ -52,7 +53,7 @@ impl Inner {
         Inner { all, folds }
     }
 
-    /// Returns the products of some of the columns (candidate terms).
+    /// Returns the products of only these columns (candidate terms).
     pub(super) fn of_columns(self, columns: &[usize]) -> Inner {
         if columns.iter().copied().eq(0..self.all.cross.len()) {
             return self;
@@ -64,7 +65,7 @@ impl Inner {
         Inner { all: self.all.of_columns(columns), folds: self.folds.iter().map(fold).collect() }
     }
 
-    /// Adds a fold if there is none. This fold validates a single run on that run itself.
+    /// Adds a fold if there are no folds. In this fold, the single run is both the training run and the held-out run.
     pub(super) fn or_itself(mut self) -> Inner {
         if self.folds.is_empty() {
             self.folds.push(Fold { training: self.all.clone(), held: self.all.clone() });
@@ -72,14 +73,14 @@ impl Inner {
         self
     }
 
-    /// Returns the folds, in which each column (candidate term) is scaled to a root mean square of 1.
+    /// Returns the folds. Each column (candidate term) is scaled to a root mean square of 1 in the training runs.
     pub(super) fn scaled(&self) -> Vec<Scaled> {
         self.folds.iter().map(Scaled::of).collect()
     }
 }
 
 /// Fold with each column scaled to a root mean square of 1 in the training runs. The products of the training runs are
-/// divided by the number of rows; those of the held-out runs are not.
+/// also divided by their number of rows. The products of the held-out runs are not divided.
 #[derive(Clone, Debug)]
 pub(super) struct Scaled {
     pub(super) training: Gram,

@@ -1,4 +1,5 @@
-//! Result of an identification, with its validation.
+//! Result of an identification: a model of Cz (the compensation value of an axis), with its validation on held-out
+//! runs.
 
 use serde::Serialize;
 
@@ -33,10 +34,10 @@ mod single_sensor;
 pub use lost_sensor::Fallback;
 pub use single_sensor::Alone;
 
-/// Maximum number of sensors for which a held-out result is calculated.
+/// Maximum number of sensors up to which a held-out result is calculated for each number of sensors.
 const MOST_COUNTED: usize = 8;
 
-/// Model with its cross-validation. Serialized, it is the JSON of `identify`.
+/// Identified model with its cross-validation. In JSON, this structure is the output of `isotherm identify`.
 #[derive(Clone, Debug, Serialize)]
 pub struct Identified {
     /// Name of the method.
@@ -47,57 +48,60 @@ pub struct Identified {
     pub error: String,
     /// Terms of Cz = Σ gain·rise; empty for a network.
     pub terms: Vec<TermFound>,
-    /// Condition number of the matrix of the terms' values, each term scaled to a root mean square of 1. `None` if two
+    /// Condition number of the matrix of term values. Each term is scaled to a root mean square of 1. `None` if two
     /// terms have the same values, or if there are no terms.
     pub condition: Option<f64>,
-    /// Description of the network; `None` for other models.
+    /// Description of the network; `None` if the model is not a network.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub network: Option<String>,
     /// Held-out result of each run.
     pub runs: Vec<RunScore>,
-    /// Means of the held-out results.
+    /// Means of the held-out results over all runs.
     #[serde(flatten)]
     pub means: Means,
-    /// Means of the error without compensation, over the same runs.
+    /// Means of the error without compensation, over all held-out runs.
     pub uncompensated: Means,
-    /// Interval of the simulated probe, s; `None` without one.
+    /// Interval of the simulated probe, s; `None` if no probe is simulated.
     pub probe_s: Option<f64>,
     /// Remarks about the sensors and the logs.
     #[serde(flatten)]
     pub notes: Notes,
-    /// Sensors that were faulty in a run, with the repair.
+    /// Sensors that were faulty in a run, with the repair of their readings.
     pub repaired: Vec<Repaired>,
-    /// Use of each column of the logs.
+    /// Columns of the logs, and how the identification uses each of them.
     pub columns: Vec<ColumnShown>,
-    /// Expected error: one standard deviation, which grows with the hours; `None` if it is not known.
+    /// Expected error of the model: a standard deviation that grows with the hours since the datum (zero point). `None`
+    /// if it is not known.
     pub expected: Option<Expected>,
     /// Reason why the expected error is not known; `None` if it is known.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub expected_missing: Option<&'static str>,
-    /// Random drift of the residual error, µm²/h: the value of `q` for a probe in the profile. `None` if it is not
-    /// known.
+    /// Random drift of the residual error, µm²/h. It is the setting `q` for a probe of the axis in the profile. `None`
+    /// if it is not known.
     pub probe_q: Option<f64>,
-    /// Names of the runs whose held-out error was larger than without compensation.
+    /// Names of the runs whose error was larger with the model than without compensation, in the test with this run
+    /// held out.
     pub worse_runs: Vec<String>,
-    /// Held-out results by the number of sensors, from zero sensors on. Empty if not requested.
+    /// Held-out result for each number of sensors, beginning with zero sensors. Empty if it was not requested.
     pub by_sensors: Vec<Counted>,
-    /// Sensors without a good replacement: if one of them is lost, the mean range of the error grows by more than a
-    /// quarter.
+    /// Names of the sensors without a good replacement: if such a sensor is lost, the mean range of the error grows by
+    /// more than a quarter.
     pub irreplaceable: Vec<String>,
-    /// Stand-in of each sensor: a prediction of its reading from the other sensors.
+    /// Stand-in of each sensor: a prediction of its reading from the other sensors, used if the sensor fails.
     pub stand_ins: Vec<StandIn>,
-    /// Models that are used if one sensor is lost, the best first.
+    /// Fallback models, each for the loss of one sensor. The best model is the first.
     pub fallbacks: Vec<Fallback>,
     /// Measured error and predicted Cz in every row of the held-out runs.
     #[serde(skip)]
     pub held_out: Vec<HeldOut>,
-    /// Model that was identified from all runs.
+    /// Model that was identified from all runs together.
     #[serde(skip)]
     pub learned: Learned,
-    /// Range of the model's inputs. `None` if there are too many inputs, or if one is constant.
+    /// Range of the model's inputs in the logs. `None` if there are too many inputs, or if one input is constant.
     #[serde(rename = "envelope")]
     pub region: Option<Region>,
-    /// Position signal of the slope, and the position at which the slope adds nothing, mm.
+    /// Position signal of the slope, and the position at which the slope adds nothing to Cz, mm. `None` if the model
+    /// has no slope.
     pub position: Option<(String, f64)>,
     /// Averaging time of the references, s.
     pub settle_s: f64,
@@ -106,20 +110,20 @@ pub struct Identified {
 /// Term of a model that is a sum of terms.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct TermFound {
-    /// Name of the input's signal.
+    /// Name of the signal that is the input of the term.
     pub signal: String,
-    /// Time constant, s; 0 means no lag.
+    /// Time constant of the lag, s; 0 means no lag.
     pub lag_s: f64,
-    /// Gain of the input in Cz = −e, in `unit`.
+    /// Gain: contribution of the term to Cz per unit of the input, in `unit`. Cz is the negative error.
     pub gain: f64,
-    /// Unit of the gain: µm per unit of the signal, for example µm/°C. The gain of a slope term has for example
+    /// Unit of the gain: µm per unit of the signal, for example µm/°C. The unit for a term of the slope is for example
     /// µm/mm/°C.
     pub unit: String,
-    /// Standard error of the gain; `None` if there are too few runs.
+    /// Standard error of the gain; `None` if there are too few runs to calculate it.
     pub se: Option<f64>,
-    /// Largest contribution to Cz in any log row, µm.
+    /// Largest absolute contribution of the term to Cz in any log row, µm.
     pub largest_um: f64,
-    /// Factor by which other, similar terms increase the variance of the gain; `None` if two terms have the same
+    /// Factor by which similar terms of the model increase the variance of the gain; `None` if two terms have the same
     /// values.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub inflation: Option<f64>,
@@ -129,21 +133,21 @@ pub struct TermFound {
     /// Whether the input is the square of the signal.
     #[serde(skip_serializing_if = "std::ops::Not::not")]
     pub squared: bool,
-    /// Whether the input is a speed. A speed is counted from standstill, not from machine start.
+    /// Whether the input is a speed. The reference of a speed is standstill, not its value at machine start.
     #[serde(skip)]
     pub is_speed: bool,
 }
 
-/// Column of the logs, and its use.
+/// Column of the logs, and how the identification uses it.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct ColumnShown {
     /// Name of the log column.
     pub name: String,
     /// Kind of quantity, detected from unit, name and values.
     pub kind: Kind,
-    /// Word for the use of the log column in the identification.
+    /// Use of the log column in the identification, in one word: for example `error` or `input`.
     pub used: &'static str,
-    /// Smallest step between two values; 0 if the values never change. `None` if the log column was not read.
+    /// Smallest difference between two values; 0 if the values never change. `None` if the log column was not read.
     pub resolution: Option<f64>,
     /// Smallest value in the logs; `None` if the column was not read.
     pub min: Option<f64>,
@@ -151,8 +155,8 @@ pub struct ColumnShown {
     pub max: Option<f64>,
 }
 
-/// Identifies the model and validates it. If `is_whole`, also identifies its stand-ins, its fallbacks, and the result
-/// by number of sensors.
+/// Identifies the model and validates it. If `is_whole`, also identifies stand-ins and fallback models for lost
+/// sensors, and calculates the result for each number of sensors.
 ///
 /// # Errors
 /// No model can be identified from these runs. The message says what to do.
@@ -186,7 +190,7 @@ pub fn identify(
         learned = prune(learned, bank, half_a_count);
         if learned.inputs().is_empty() {
             notes.remarks.push(format!(
-                "Cz does not reach half a count of the register ({half_a_count} µm) in any row: there is \
+                "in every row, Cz is smaller than half a count of the register ({half_a_count} µm): there is \
                  nothing to compensate, and no model is written"
             ));
         }
@@ -279,8 +283,8 @@ pub fn identify(
 }
 
 impl Identified {
-    /// Returns the terms sorted by their largest contribution to Cz, the largest first. Gains of different units cannot
-    /// be compared.
+    /// Returns the terms, sorted by their largest contribution to Cz, the largest first. The gains themselves cannot be
+    /// compared, because they have different units.
     pub fn by_size(&self) -> Vec<&TermFound> {
         let mut terms: Vec<&TermFound> = self.terms.iter().collect();
         terms.sort_by(|one, other| other.largest_um.total_cmp(&one.largest_um));
@@ -288,7 +292,8 @@ impl Identified {
     }
 }
 
-/// Identifies a model from the runs `runs`, and returns the result of that model on each of the other runs.
+/// Identifies a model from the runs `runs`, and tests it on the other runs. Returns one result for each of these other
+/// runs.
 ///
 /// # Errors
 /// No model can be identified from these runs. The message says what to do.
@@ -310,20 +315,20 @@ pub fn assessed_on_others(
     Ok(others.map(assessed).collect())
 }
 
-/// Returns a remark on the ranges of runs that were measured by touches; `None` without such runs.
+/// Returns a remark that the ranges of runs with touches are too small; `None` if there are no such runs.
 fn over_touches(campaign: &Campaign<'_>) -> Option<String> {
     let runs = &campaign.dataset.runs;
     let touched = runs.iter().filter(|run| run.is_touched()).count();
     (touched > 0).then(|| {
         format!(
-            "{touched} of {} were measured by touches of a probe. The range over touches is marked: over all rows, it \
-             is about {OVER_TOUCHES} times as large",
+            "{touched} of {} were measured by touches of a probe. Their ranges are marked: a measurement in \
+             every row would give a range that is about {OVER_TOUCHES} times as large",
             counted(runs.len(), "run")
         )
     })
 }
 
-/// Returns a remark on the reliability of a model from one or two runs; `None` for three or more runs.
+/// Returns a remark about the low reliability of a model from one or two runs; `None` if there are more runs.
 fn worth(runs: usize, has_prior: bool) -> Option<String> {
     let share = match (runs, has_prior) {
         (1, false) => {
@@ -341,13 +346,14 @@ fn worth(runs: usize, has_prior: bool) -> Option<String> {
              that fails can be replaced. Record another day before you rely on the model"
         ),
         _ => format!(
-            "two runs: each was tested with a model of the other run{share}. The written model is of both \
-             runs and was not tested. Record a third day"
+            "two runs: each run was tested with a model that was identified from the other run{share}. The \
+             written model was identified from both runs, so it was not tested. Record a third day"
         ),
     })
 }
 
-/// Checks that least squares on all columns has more rows than columns, also while the longest run is held out.
+/// Checks for the method `ols` (least squares) that there are more rows than columns, even while the longest run is
+/// held out.
 fn check_count(bank: &Bank, method: Method) -> Result<(), String> {
     let terms = bank.candidates.len();
     let rows = bank.runs.iter().map(|run| run.target.len());
@@ -357,8 +363,8 @@ fn check_count(bank: &Bank, method: Method) -> Result<(), String> {
     }
     Err(format!(
         "{terms} terms cannot be identified from the {left} rows that remain while the longest run is held \
-         out. Name fewer inputs with --inputs, record longer, average less with --resample, or let --method \
-         sparse-lag choose"
+         out. Name fewer inputs with --inputs, record longer runs, use a shorter --resample, or use --method \
+         sparse-lag, which selects terms"
     ))
 }
 
@@ -388,8 +394,8 @@ fn terms_of(campaign: &Campaign<'_>, bank: &Bank, gains: &[(Candidate, f64)]) ->
     gains.iter().map(term).collect()
 }
 
-/// Returns the columns of the logs with their use. Resolution, minimum and maximum are those of the recorded readings,
-/// because rebuilt readings have no resolution.
+/// Returns the columns of the logs with their use. Resolution, minimum and maximum are calculated from the recorded
+/// readings, because rebuilt readings have no resolution.
 fn columns(ready: &Ready<'_>, error: &str) -> Vec<ColumnShown> {
     let (touches, runs) = (touches::columns(&ready.axis), &ready.logs.runs);
     let are_touches = runs.iter().any(|run| run.is_touched());

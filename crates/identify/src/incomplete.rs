@@ -1,16 +1,16 @@
-//! Runs without a column that other runs have. Either these runs or the column must be left out, because a model cannot
-//! use a row in which an input is missing. The choice with the smaller error on held-out runs is used, and a remark
-//! states the errors of the two choices.
+//! Handles runs that lack a column that other runs have. Either the runs or the column must be left out, because a
+//! model cannot use a row in which an input is missing. The choice with the smaller error on held-out runs is used. A
+//! remark states both errors.
 
 use crate::dataset::Dataset;
 use crate::faults::{MISSING, missing};
 use isotherm_profile::counted;
 
-/// Maximum number of groups of runs that are left out one at a time as a trial. If there are more groups, only all
-/// groups together are tried.
+/// Maximum number of groups of runs for which it is tried to leave out each group alone. If there are more groups, it
+/// is only tried to leave out all of them together.
 const MOST_GROUPS: usize = 6;
-/// Maximum ratio of the error without the runs to the error without the columns for which the runs are left out. A
-/// smaller difference is not significant, and then all runs are kept.
+/// The runs are left out if the error without the runs, divided by the error without the columns, is below this ratio.
+/// A smaller difference is not significant; in that case, all runs are kept.
 const CLEARLY: f64 = 0.98;
 /// Maximum number of runs that a remark lists.
 const NAMED: usize = 5;
@@ -23,7 +23,7 @@ struct Group {
 }
 
 /// Function that returns the root mean square of the residual error on the given runs of a dataset, µm. Each run is
-/// held out in turn. Columns that a run lacks are not inputs of the model. `None` if the model cannot be tested.
+/// held out in turn. A column that any run lacks is not an input of the model. `None` if the model cannot be tested.
 pub(crate) type Left<'a> = &'a dyn Fn(&Dataset, &[usize]) -> Option<f64>;
 
 /// Leaves out the runs that lack some of the columns `inputs`, if the error is then clearly smaller than without these
@@ -68,8 +68,8 @@ fn runs_of(groups: &[Group]) -> Vec<usize> {
     groups.iter().flat_map(|group| group.runs.iter().copied()).collect()
 }
 
-/// Returns the runs that lack a column that at least half of the runs have, grouped by their missing columns. A column
-/// that fewer runs have is left out anyway.
+/// Groups the runs that lack columns by their missing columns. Only columns that at least half of the runs have are
+/// considered. All other columns are left out in any case.
 fn groups(dataset: &Dataset, inputs: &[usize]) -> Vec<Group> {
     let is_missing = |run: usize, column: usize| missing(&dataset.runs[run], column) > MISSING;
     let runs = 0..dataset.runs.len();
@@ -92,7 +92,7 @@ fn groups(dataset: &Dataset, inputs: &[usize]) -> Vec<Group> {
     groups
 }
 
-/// Returns the remark about the choice between runs and columns, with both errors.
+/// Returns the remark about the choice: whether runs or columns were left out, with the errors of both choices.
 fn remark(
     dataset: &Dataset,
     choice: &[Group],
@@ -121,12 +121,12 @@ fn remark(
     };
     match are_runs_left_out {
         true => format!(
-            "left out: {runs}, where more than {share:.0} % of the values of {columns} are missing. The error of held-out \
-             runs is {without_runs:.2} µm RMS without {runs}; {without_columns}"
+            "left out: {runs}, where more than {share:.0} % of the values of {columns} are missing. The RMS error of \
+             held-out runs is {without_runs:.2} µm without {runs}; {without_columns}"
         ),
         false => format!(
-            "left out: {columns}, because more than {share:.0} % of the values are missing in {runs}. The error of held-out \
-             runs is {without_columns} (RMS), {without_runs:.2} µm without {runs}"
+            "left out: {columns}, because more than {share:.0} % of the values are missing in {runs}. The RMS \
+             error of held-out runs is {without_columns}, and {without_runs:.2} µm without {runs}"
         ),
     }
 }

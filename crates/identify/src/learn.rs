@@ -1,4 +1,5 @@
-//! Interface of all methods: identify a model from some runs, and predict Cz on another run.
+//! Interface of all identification methods. A method identifies a model from some runs, and predicts Cz (the
+//! compensation value of an axis) on another run.
 
 use nalgebra::DVector;
 
@@ -6,29 +7,29 @@ use crate::bank::{Bank, Candidate, Rows, trace};
 use crate::campaign::Campaign;
 use isotherm_core::compensation::model::network::Net;
 
-/// Identification method, combined with the data of a campaign.
+/// Identification method, together with the data of a campaign from which it learns.
 pub(crate) trait Learner: Sync {
-    /// Matrix of candidate terms, with the rows from which the method identifies a model, and on which the model is
-    /// validated.
+    /// Matrix of candidate terms. The method identifies models from its rows, and models are validated on its rows.
     fn bank(&self) -> &Bank;
 
-    /// Identifies a model from these runs, without these inputs.
+    /// Identifies a model from the runs `runs`. The inputs in `without` are not used.
     ///
     /// # Errors
     /// No model can be identified from these runs. The message says what to do.
     fn learn(&self, runs: &[usize], without: &[usize]) -> Result<Learned, String>;
 }
 
-/// Identified model: a sum of gains times rises, a mean of two sums, or a network.
+/// Identified model: a sum of gains times rises, a mean of two such sums, or a network. A rise is the value of an input
+/// minus its reference.
 #[derive(Clone, Debug)]
 pub enum Learned {
-    /// Sum of gains times rises. A gain is in µm of Cz per unit of the input.
+    /// Terms of a sum of gains times rises, each with its gain. The gain is in µm of Cz per unit of the input.
     Sum(Vec<(Candidate, f64)>),
-    /// Mean of two sums over the same terms. The difference of the two sums shows how reliable their mean is.
+    /// Mean of two sums over the same terms. The smaller their difference, the more reliable is the mean.
     Mean {
-        /// Gains of the mean model.
+        /// Terms with their gains in the mean of the two sums.
         gains: Vec<(Candidate, f64)>,
-        /// Gains of the two models for each term: first the ridge regression, then the elastic net.
+        /// Gains of each term in the two sums: first in the ridge regression, then in the elastic net.
         halves: Vec<[f64; 2]>,
     },
     /// Network whose inputs are rises.
@@ -43,7 +44,7 @@ pub enum Learned {
 }
 
 impl Learned {
-    /// Returns the terms of a sum; `None` for a network.
+    /// Returns the terms of a sum or of a mean of two sums; `None` for a network.
     pub(crate) fn sum(&self) -> Option<&[(Candidate, f64)]> {
         match self {
             Learned::Sum(gains) | Learned::Mean { gains, .. } => Some(gains),
@@ -51,7 +52,7 @@ impl Learned {
         }
     }
 
-    /// Returns the indices of the required inputs, ascending.
+    /// Returns the indices of the inputs that the model needs, in ascending order.
     pub(crate) fn inputs(&self) -> Vec<usize> {
         let mut inputs: Vec<usize> = match self {
             Learned::Sum(gains) | Learned::Mean { gains, .. } => {
@@ -64,7 +65,7 @@ impl Learned {
         inputs
     }
 
-    /// Returns the Cz of the model for each row of a run, µm. `bank` is the matrix of candidate terms.
+    /// Returns the Cz of the model in each matrix row of a run, µm. `bank` is the matrix of candidate terms.
     pub(crate) fn predict(&self, campaign: &Campaign<'_>, bank: &Bank, run: usize) -> Vec<f64> {
         let rises = &bank.runs[run].rises;
         match self {

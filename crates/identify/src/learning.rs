@@ -1,5 +1,6 @@
-//! Learning from touches (measurements with a probe), one run after the other. The Gram products of each run are
-//! stored, and all of them give a candidate model. Each run then compares the candidate with the model in use.
+//! Learning from touches (measurements with a probe), one run after the other. The Gram products (X'X, X'y, y'y) of
+//! each run are stored. A candidate model is identified from the products of all runs. On each new run, the candidate
+//! is first compared with the model in use.
 //!
 //! ```text
 //! logs ── runs from datum to datum ── judge (in use, candidate) ── products ── candidate
@@ -7,12 +8,12 @@
 //!                                  learning record            a file for each run
 //! ```
 //!
-//! - The products of a run ([`RunProducts`]) are kept when its logs are deleted. A model from a year of runs takes
-//!   seconds.
+//! - The products of a run ([`RunProducts`]) are kept when its logs are deleted. Identifying a model from the runs of a
+//!   year takes seconds.
 //! - After each run, the weight of every older run is multiplied by 0.9.
-//! - When a penalty is chosen, a run with touches counts as much as a run that was recorded row by row.
-//! - The two models are compared on a day before that day is learned from. [`isotherm_core::candidate`] decides about
-//!   the candidate.
+//! - In the choice of a penalty, a run with touches counts as much as a run whose errors were recorded in each row.
+//! - The two models are compared on a new day before the candidate learns from that day. [`isotherm_core::candidate`]
+//!   decides whether the candidate is better.
 //! - A touch that disagrees with the model, and with the touch after it, is left out ([`doubt`]).
 //!
 //! This module reads neither files nor a clock. The caller reads the logs, and stores the files that [`Learning`]
@@ -43,16 +44,17 @@ mod record;
 pub use in_use::InUse;
 pub use judged::{ModelRows, rows};
 
-/// Factor by which the weight of each older run is multiplied after a run.
+/// Factor for the weights of the runs: after each new run, the weights of all older runs are multiplied by this factor.
 pub const FORGETTING: f64 = 0.9;
-/// Maximum number of runs that are stored. The weight of an older run is smaller than the rounding error.
+/// Maximum number of stored runs. The weight of an older run would be smaller than the rounding error.
 pub const MOST_RUNS: usize = 400;
-/// Time after the last row of an open run after which the run counts as complete.
+/// Minimum time after the last row of a run, for the run to count as complete. Until then, later logs may continue it.
 const OVER: Duration = Duration::from_hours(1);
-/// Averaging time of log rows.
+/// Time over which log rows are averaged.
 const RESAMPLE: Duration = Duration::from_mins(1);
 
-/// Runs from which the model of one axis is learned, and the comparison of the candidate model with the model in use.
+/// State of the learning for one axis: the learned runs, and the comparison of the candidate model with the model in
+/// use.
 #[derive(Clone, Debug)]
 pub struct Learning {
     axis: String,
@@ -68,23 +70,24 @@ struct LearnedRun {
     products: RunProducts,
 }
 
-/// Result for one run of the logs.
+/// Result of the learning for one run of the logs.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct TakenRun {
-    /// Name of the run: the time of its datum (zero point) if it was measured by touches, otherwise the name of its
-    /// file.
+    /// Name of the run. For a run with touches, the name is the time of its datum (zero point); otherwise it is the
+    /// name of its file.
     pub run: String,
-    /// Number of touches; `None` if the run was measured row by row.
+    /// Number of accepted touches; `None` if the error was measured row by row.
     pub touches: Option<usize>,
     /// Number of touches that were left out because they disagree with the model and with the next touch.
     pub doubted: usize,
     /// Comparison of the two models on this run; `None` if the run was not compared.
     pub judged: Option<JudgedRun>,
-    /// Reason why the run is not used; `None` if it is used.
+    /// Reason why nothing was learned from the run; `None` if the run was used.
     pub skipped: Option<String>,
 }
 
-/// Residual errors at the touches of a run before the run was learned from, as root mean squares in µm.
+/// Residual errors at the touches of a run, as root mean squares in µm. They are calculated before the candidate learns
+/// from the run.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct JudgedRun {
     /// Residual error with the model in use.
@@ -94,7 +97,7 @@ pub struct JudgedRun {
 }
 
 /// Returns the columns from which a model is learned: every temperature and every speed of the profile, except those in
-/// `without` and in `learn_without` of the axis. The columns of all runs must be the same.
+/// `without` and those in `learn_without` of the axis. All runs must have the same columns.
 pub fn choice(profile: &Profile, axis: &str, without: &[String]) -> Choice {
     let is_input = |unit: &str| ["degC", "K", "rpm"].contains(&unit);
     let own = profile.axes.iter().find(|own| own.settings.name == axis);
@@ -107,9 +110,8 @@ pub fn choice(profile: &Profile, axis: &str, without: &[String]) -> Choice {
 }
 
 impl Learning {
-    /// Restores the learning from its files. The arguments are the name and content of the file of each run, and the
-    /// learning record. The order of the files does not matter. Also returns a message for each file that cannot be
-    /// used.
+    /// Restores the state of the learning from its files: the file of each run (its name and content) in any order, and
+    /// the learning record. Also returns a message for each file that cannot be used.
     pub fn restore(
         axis: &str,
         files: impl IntoIterator<Item = (String, Vec<u8>)>,
@@ -126,7 +128,7 @@ impl Learning {
         runs.sort_by(|one, other| one.name.cmp(&other.name));
         let record = record.map(read_record).transpose().unwrap_or_else(|why| {
             wrong.push(format!(
-                "{}: {why}. The count of judged days begins again at zero",
+                "{}: {why}. The number of days on which the models were compared is reset to zero",
                 Learning::record_name(axis)
             ));
             None
@@ -146,30 +148,31 @@ impl Learning {
         format!("{axis}.learning.json")
     }
 
-    /// Returns whether a file has the name of a run of this axis.
+    /// Returns whether a file name is that of a stored run of this axis.
     pub fn is_run(axis: &str, name: &str) -> bool {
         let rest = name.strip_prefix(axis).and_then(|rest| rest.strip_prefix('@'));
         rest.is_some_and(|rest| rest.ends_with(".products.json"))
     }
 
-    /// Returns the first day of the logs that must be read, as text (2026-01-31). Runs that end on earlier days are
-    /// known already.
+    /// Returns the first day of the logs that must be read, as text (2026-01-31). All runs that end before this day
+    /// have been learned.
     pub fn first_day(&self) -> String {
         stamp(self.record.until).chars().take_while(|c| *c != 'T').collect()
     }
 
-    /// Returns the names of the files of the runs.
+    /// Returns the file names of all stored runs.
     pub fn names(&self) -> Vec<String> {
         self.runs.iter().map(|run| run.name.clone()).collect()
     }
 
-    /// Returns the number of runs.
+    /// Returns the number of stored runs.
     pub fn runs(&self) -> usize {
         self.runs.len()
     }
 
-    /// Sets the model in use. Days that were compared with another model are discarded. An exception is the candidate
-    /// that was offered last: then that candidate was adopted.
+    /// Sets the model in use, with which candidates are compared. If the model has changed, the results of all compared
+    /// days are discarded. If it is the candidate that was offered last, that candidate has been adopted, and the
+    /// results are kept.
     pub fn compare_with(&mut self, in_use: Option<&InUse>) {
         let fingerprint = in_use.map(InUse::fingerprint).unwrap_or_default();
         if self.record.in_use != fingerprint {
@@ -182,7 +185,7 @@ impl Learning {
     }
 
     /// Returns a candidate in the form in which a gateway can adopt it. `compared_with` is the name of the learned
-    /// model in use; `None` if the model of the profile is in use.
+    /// model that is in use; `None` if the model of the profile is in use.
     pub fn offer(&mut self, profile: &Profile, model: &FleetModel, compared_with: Option<String>) -> Offer {
         self.record.offered = fingerprint(&model.prior());
         let slot = settings(profile, &self.axis).and_then(|own| own.learned.as_ref());
@@ -203,7 +206,8 @@ impl Learning {
         }
     }
 
-    /// Returns the name of a candidate: the day of its last run, and a part of the hash of its terms.
+    /// Returns the name of a candidate, which consists of the day of the last run and the begin of the hash of its
+    /// terms.
     fn name_of(&self, model: &FleetModel) -> String {
         let newest = self.runs.last().map(|run| run.name.as_str()).unwrap_or_default();
         let (_, begins) = newest.split_once('@').unwrap_or_default();
@@ -212,15 +216,15 @@ impl Learning {
         format!("learned-{day}-{hash}")
     }
 
-    /// Records that the candidate is now the model in use. The days that were compared with it remain.
+    /// Records that the candidate is now the model in use. The results of the compared days are kept.
     pub fn adopted(&mut self, candidate: &InUse) {
         self.record.judgement.adopted();
         self.record.in_use = candidate.fingerprint();
     }
 
-    /// Compares the models on each complete run of these logs that is not known yet, in the order of time. Then learns
-    /// from that run. `now` is the present time; `None` if later logs follow. A run at the end of these logs is then
-    /// not complete.
+    /// Processes each new complete run of these logs in the order of time: first compares the models on the run, then
+    /// learns from it. `now` is the present time. If it is `None`, later logs follow, so the last run of these logs may
+    /// be incomplete.
     ///
     /// # Errors
     /// The touches of the logs cannot be read.
@@ -273,7 +277,7 @@ impl Learning {
         Ok(taken)
     }
 
-    /// Compares the models on one run, and learns from it.
+    /// Compares the models on a single run, then learns from it.
     fn digest(
         &mut self,
         profile: &Profile,
@@ -308,7 +312,10 @@ impl Learning {
             Err(why) => return TakenRun { skipped: Some(why), ..taken },
         };
         if let Some(known) = self.runs.iter().find(|known| known.products.has_same_rows(&products)) {
-            let why = format!("it has the same rows as the run in {}, which was learned before", known.name);
+            let why = format!(
+                "this run has the same rows as the run in {}, from which the model has already learned",
+                known.name
+            );
             return TakenRun { skipped: Some(why), ..taken };
         }
         // A candidate that lacks a column of this run is no candidate for its days. The next candidate is learned from
@@ -330,7 +337,8 @@ impl Learning {
         taken
     }
 
-    /// Returns the model that is learned from all runs with the columns of the newest run; `None` if there is no run.
+    /// Returns the candidate: the model that is identified from all runs that have the columns of the newest run.
+    /// `None` if there is no run.
     pub fn candidate(&self) -> Option<FleetModel> {
         let newest = &self.runs.last()?.products;
         let mut alike = self.runs.iter().map(|run| &run.products).filter(|products| newest.is_like(products));
@@ -342,7 +350,8 @@ impl Learning {
         Some(all.learn_recent(FORGETTING))
     }
 
-    /// Returns the number of runs that are not used, because their columns differ from those of the newest run.
+    /// Returns the number of stored runs that the candidate does not use, because their columns differ from those of
+    /// the newest run.
     pub fn unlike(&self) -> usize {
         let newest = self.runs.last();
         let differs =
@@ -355,7 +364,7 @@ impl Learning {
         &self.record.judgement
     }
 
-    /// Returns the file of each run that is not in `known`: its name and its content.
+    /// Returns the name and content of the file of each run. Files whose names are in `known` are left out.
     ///
     /// # Errors
     /// Returns a message if a number cannot be written as JSON.
@@ -364,7 +373,7 @@ impl Learning {
         new.map(|run| Ok((run.name.clone(), run.products.to_json()?))).collect()
     }
 
-    /// Returns the file names of the oldest runs, beyond the newest [`MOST_RUNS`] runs. These files can be deleted.
+    /// Returns the file names of the oldest runs if there are more than [`MOST_RUNS`]. These files can be deleted.
     pub fn superfluous(&self) -> Vec<String> {
         let most = self.runs.len().saturating_sub(MOST_RUNS);
         self.runs.iter().take(most).map(|run| run.name.clone()).collect()
@@ -378,12 +387,12 @@ impl Learning {
         Record { runs: self.runs.len().min(MOST_RUNS), ..self.record.clone() }.to_json()
     }
 
-    /// Returns the candidate as a block for a profile. It contains the expected error of the model in use, which the
-    /// touches of the axis scale.
+    /// Returns the candidate as TOML text for a profile. The text also contains the expected error of the model in use.
+    /// Touches of the probe scale this error in the gateway.
     pub fn block(&self, model: &FleetModel, in_use: Option<&InUse>) -> String {
         let judged = self.record.judgement.gain().map(|gain: Gain| {
             format!(
-                "# On {}, this model would have left {:.1} µm RMS instead of {:.1} µm.\n",
+                "# On {}, the residual error of this model would have been {:.1} µm RMS instead of {:.1} µm.\n",
                 counted(gain.days, "judged day"),
                 gain.candidate.get(),
                 gain.in_use.get()
@@ -420,21 +429,22 @@ impl Learning {
     }
 }
 
-/// Returns the reason why a run without an accepted touch is not used.
+/// Returns the reason why a run is not used if all its touches were rejected. `touches` is their number.
 fn all_wrong(touches: usize) -> String {
     format!(
-        "its touches ({touches}) were all left out as wrong: another part was measured, or the model is wrong by more \
-         than max_error"
+        "all touches of the run ({touches}) were rejected as wrong: another part was measured, or the error \
+         of the model is larger than max_error"
     )
 }
 
-/// Returns the time of the datum (zero point) of a run, or of its first row if it was measured row by row.
+/// Returns the time of the datum (zero point) of a run. If the run was measured row by row, returns the time of its
+/// first row.
 fn datum(run: &Run) -> Moment {
     let row = run.datum().unwrap_or_default();
     run.times.get(row).or(run.times.first()).copied().unwrap_or_default()
 }
 
-/// Returns a name of the run that is the same whichever other files were read with it.
+/// Returns a name of the run that does not depend on the other files that were read with it.
 fn name(run: &Run) -> String {
     if run.is_touched() { stamp(datum(run)) } else { run.name.clone() }
 }

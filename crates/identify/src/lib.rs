@@ -1,4 +1,5 @@
-//! Offline identification: makes a model that is valid on other days from the logs of some days.
+//! Offline identification of models from the logs of some days. A model calculates Cz, the compensation value of an
+//! axis, and must also be valid on other days.
 //!
 //! ```text
 //! dataset ── setup ── campaign ── bank ── gram ── method ── validate ── identified ── written
@@ -8,13 +9,13 @@
 //! The rises and lags in the matrix of candidate terms (`bank`) are computed by the gateway's own
 //! [`compensation`](isotherm_core::compensation). Therefore an identified model gives the same values in the gateway.
 //!
-//! [`learning`] learns the model of an axis from its touches, one run after the other. [`fleet`] stores the products of
-//! each run, so that the products of several machines can be added. [`select`] selects measuring points without a
-//! profile. [`report`] renders HTML reports of models and of selections.
+//! [`learning`] learns the model of an axis from touches (measurements with a probe), one run after the other.
+//! [`fleet`] stores the Gram products of each run, so that the products of several machines can be added. [`select`]
+//! selects measuring points without a profile. [`report`] renders HTML reports of models and of selections.
 //!
 //! # Sign
-//! Methods identify the compensation that would leave no error, Cz = −(e − cold value of e). Gains have the same sign
-//! as in the profile.
+//! Methods identify the Cz that would leave no error: Cz = −(e − cold value of e). Gains have the same sign as in the
+//! profile.
 
 pub mod applied;
 pub mod balls;

@@ -24,7 +24,7 @@ pub use kind::Method;
 pub use settings::{PriorTerm, Settings};
 
 impl Method {
-    /// Combines the method with the data.
+    /// Combines the method with the data of a campaign, so that it can identify models.
     ///
     /// # Errors
     /// Returns a message if the campaign or the settings do not fit the method.
@@ -81,8 +81,8 @@ impl Method {
     }
 }
 
-/// Linear method that needs only the Gram products of each run, not its rows. The arguments are the products by run,
-/// the training runs, and the columns that the method may use.
+/// Linear method that needs only the Gram products of each run, not its rows. The arguments are the products of all
+/// runs, the indices of the training runs, and the columns that the method may use.
 type Rule = Box<dyn Fn(&[Gram], &[usize], &[usize]) -> Result<Gains, String> + Sync>;
 
 struct OnBank {

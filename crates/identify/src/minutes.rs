@@ -1,4 +1,4 @@
-//! One column of a run as means of each minute, so that the noise of a probe is not treated as drift.
+//! One log column of a run as means of each minute. Therefore the noise of a probe does not count as drift.
 
 use std::ops::Range;
 
@@ -6,13 +6,14 @@ use crate::dataset::Run;
 use crate::statistics::{mean, range};
 
 const HOUR: f64 = 3600.0;
-/// Tolerance for the length of an hour, s. A log of an hour with minute rows ends one row before the hour.
+/// Tolerance for the duration of an hour, s. In a log of an hour with one row per minute, the last row is one minute
+/// before the end of the hour.
 const NEARLY: f64 = 90.0;
-/// Time over which the first and the last value of a run are averaged, s.
+/// Time at the begin and at the end of a run over which the values are averaged, s.
 const EDGE: f64 = 180.0;
 
-/// Mean value of a column in each minute that contains a value, with the mean time of these values. The times are in
-/// seconds since the first row of the run, ascending.
+/// Mean value of a column in each minute that contains a value. Each mean has the mean time of its values, in seconds
+/// since the first row of the run, ascending.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Minutes {
     pub(crate) seconds: Vec<f64>,
@@ -33,7 +34,7 @@ impl Minutes {
         all
     }
 
-    /// Returns the indices of the minutes between two times in seconds, both included.
+    /// Returns the range of indices of the minutes between two times in seconds. Both times are included.
     fn within(&self, from: f64, to: f64) -> Range<usize> {
         let begin = self.seconds.partition_point(|second| *second < from);
         begin..self.seconds.partition_point(|second| *second <= to).max(begin)
@@ -60,7 +61,7 @@ impl Minutes {
         (mean(&self.seconds[inside.clone()]), mean(&self.values[inside]))
     }
 
-    /// Returns the first and the last second of the run; `None` if the run is shorter than an hour.
+    /// Returns the times of the first and of the last minute, s; `None` if the run is shorter than an hour.
     fn hours(&self) -> Option<(f64, f64)> {
         let (first, last) = (*self.seconds.first()?, *self.seconds.last()?);
         (last - first >= HOUR - NEARLY).then_some((first, last))
@@ -72,8 +73,8 @@ impl Minutes {
         Some((self.range_within(first, first + HOUR), self.range_within(last - HOUR, last)))
     }
 
-    /// Returns the hour with the largest range: its begin in seconds, and the range. If several hours are equal, the
-    /// first one is returned. `None` if the run is shorter than an hour.
+    /// Returns the begin of the hour with the largest range of the values, in seconds, and that range. If several hours
+    /// have the same range, returns the first of these hours. `None` if the run is shorter than an hour.
     pub(crate) fn largest_hour(&self) -> Option<(f64, f64)> {
         self.hours()?;
         let hour = |(place, from): (usize, &f64)| {

@@ -1,4 +1,5 @@
-//! Effect of leaving a sensor out: models with and without it, each tested on held-out runs.
+//! Effect of leaving a sensor out: the residual errors of a model with the sensor and of a model without it. Both
+//! models are identified by the method `whitened`, and are tested on the same rows of held-out runs.
 //!
 //! The models are those of `whitened`, independent of the chosen method. All these models are tested on the same rows,
 //! without masked rows.
@@ -11,12 +12,12 @@ use crate::method::Settings;
 use crate::statistics::{count, smallest};
 use crate::validate::{HeldOut, leave_one_run_out};
 
-/// Maximum ratio of the residual error without a sensor to the error with it for which the sensor counts as harmful. A
-/// smaller improvement is not significant.
+/// Limit of the ratio of two residual errors: the error without the sensor, divided by the error with it. Below this
+/// limit, the sensor is harmful. A smaller improvement is not significant.
 const CLEARLY: f64 = 0.98;
 
 /// Returns the harmful inputs among `suspects`, worst first. An input is harmful if the residual error is clearly
-/// smaller without it. At least one sensor remains in the campaign.
+/// smaller without the input. At least one sensor of the campaign is never returned.
 pub(crate) fn harmful(campaign: &Campaign<'_>, suspects: &[usize]) -> Vec<(usize, Omission)> {
     let (mut rest, mut found) = (suspects.to_vec(), Vec::<(usize, Omission)>::new());
     while !rest.is_empty() && found.len() + 1 < campaign.sensors().len() {
@@ -36,28 +37,29 @@ pub(crate) fn harmful(campaign: &Campaign<'_>, suspects: &[usize]) -> Vec<(usize
     found
 }
 
-/// Returns the effect on the residual error if this input is left out of a campaign. `None` if a model with the input
-/// cannot be tested, because there is only one run, or because the input is missing throughout a run.
+/// Returns the residual errors of models with and without this input. `None` if a model with the input cannot be
+/// tested, because there is only one run, or because the input is missing in all rows of a run.
 pub(crate) fn cost(campaign: &Campaign<'_>, input: &Input) -> Option<Omission> {
     let (with, place) = (campaign.with_input(input.clone()), campaign.inputs.len());
     let left = left_without(&with, &[Vec::new(), vec![place]])?;
     Some(Omission { signal: input.name.clone(), with_um: left[0], without_um: left[1] })
 }
 
-/// Returns the root mean square of the residual error on these runs, each held out, µm. `None` if a model with all inputs
-/// cannot be tested.
+/// Returns the root mean square of the residual error on these runs, µm. Each run is held out in turn. `None` if a
+/// model with all inputs cannot be tested.
 pub(crate) fn left_in(campaign: &Campaign<'_>, runs: &[usize]) -> Option<f64> {
     let held = held_out(campaign, &[Vec::new()])?.pop()?;
     Some(root_mean_square(runs.iter().filter_map(|run| held.get(*run))))
 }
 
-/// Returns the root mean square of the residual error on held-out rows, µm, for each list of inputs that are left out.
-/// `None` if the models cannot be tested.
+/// Returns for each list of inputs in `without` the residual error of a model without these inputs: root mean square on
+/// held-out rows, µm. `None` if the models cannot be tested.
 fn left_without(campaign: &Campaign<'_>, without: &[Vec<usize>]) -> Option<Vec<f64>> {
     Some(held_out(campaign, without)?.iter().map(root_mean_square).collect())
 }
 
-/// Returns the held-out runs for each list of inputs that are left out. `None` if the models cannot be tested.
+/// Returns for each list of inputs in `without` the results on all held-out runs of a model without these inputs.
+/// `None` if the models cannot be tested.
 fn held_out(campaign: &Campaign<'_>, without: &[Vec<usize>]) -> Option<Vec<Vec<HeldOut>>> {
     if campaign.dataset.runs.len() < 2 {
         return None;
@@ -69,7 +71,7 @@ fn held_out(campaign: &Campaign<'_>, without: &[Vec<usize>]) -> Option<Vec<Vec<H
     each.into_iter().map(Result::ok).collect()
 }
 
-/// Returns the root mean square of the residual error over the rows of all runs, µm.
+/// Returns the root mean square of the residual error over the rows of all these runs, µm.
 fn root_mean_square<'a>(held_out: impl IntoIterator<Item = &'a HeldOut>) -> f64 {
     let (mut sum, mut rows) = (0.0, 0);
     for held in held_out {

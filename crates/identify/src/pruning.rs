@@ -1,11 +1,12 @@
-//! Removal of terms that have almost no effect. On each row of each run, the sum of the removed terms is at most half a
-//! count of the register. If the model is a mean of two models, their difference also changes by at most half a count.
-//! This difference shows how reliable the mean is.
+//! Removal of terms that have almost no effect on Cz, the compensation value. In each row of each run, the removed
+//! terms together contribute at most half a count (smallest step) of the register. If the model is a mean of two
+//! models, their difference shows how reliable the mean is. This difference also changes by at most half a count.
 
 use crate::bank::{Bank, Candidate};
 use crate::learn::Learned;
 
-/// Removes the terms with the smallest effects. In every log row, the sum of the removed effects is at most `most` µm.
+/// Removes the terms with the smallest effects. In every log row, the removed terms together contribute at most `most`
+/// µm to Cz.
 pub(crate) fn prune(learned: Learned, bank: &Bank, most: f64) -> Learned {
     let Some(gains) = learned.sum() else { return learned };
     let apart = match &learned {
@@ -25,8 +26,9 @@ pub(crate) fn prune(learned: Learned, bank: &Bank, most: f64) -> Learned {
     }
 }
 
-/// Returns for each term whether it remains in the model; `None` if the matrix of candidate terms lacks one of them.
-/// `apart` is the difference of the gains of the two models of a mean; empty for other models.
+/// Returns for each term whether it remains in the model; `None` if the matrix of candidate terms does not contain some
+/// term. If the model is a mean of two models, `apart` contains the difference of their gains for each term; otherwise
+/// it is empty.
 fn kept(gains: &[(Candidate, f64)], apart: &[f64], bank: &Bank, most: f64) -> Option<Vec<bool>> {
     let columns: Vec<usize> =
         gains.iter().map(|(candidate, _)| bank.column(candidate)).collect::<Option<_>>()?;

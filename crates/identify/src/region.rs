@@ -1,4 +1,5 @@
-//! Envelope of a model: the region of the input values from which the model was identified.
+//! Envelope of a model: the region of the input values in the logs from which the model was identified. The gateway
+//! checks whether the inputs are inside.
 
 use nalgebra::{DMatrix, DVector};
 use serde::{Serialize, Serializer};
@@ -9,13 +10,13 @@ use crate::campaign::Campaign;
 use crate::statistics::{count, least_and_most};
 use isotherm_core::compensation::model::envelope::MOST;
 
-/// Region of the rises of some inputs over all runs.
+/// Region of the rises of the inputs over all runs. A rise is the value of an input minus its reference.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Region {
-    /// Name, mean, smallest and largest rise of each input.
+    /// Name, mean rise, smallest rise and largest rise of each input.
     pub inputs: Vec<(String, f64, f64, f64)>,
     covariance: DMatrix<f64>,
-    /// Largest Mahalanobis distance of the inputs in any row of the logs.
+    /// Largest Mahalanobis distance of the rises from their mean in any row of the logs.
     reach: f64,
 }
 
@@ -25,12 +26,12 @@ impl Serialize for Region {
     }
 }
 
-/// Share by which each variance is increased, so that the covariance of two equal sensors has an inverse.
+/// Share by which each variance is increased, so that the covariance matrix of two equal sensors has an inverse.
 const LOOSENED: f64 = 1e-6;
 
 impl Region {
-    /// Calculates the region of these inputs, without speeds. `None` if there are no inputs, if they are too many for
-    /// an envelope, or if one is constant.
+    /// Calculates the region of these inputs. Speeds are not part of the region. `None` if there are no inputs, if
+    /// there are too many for an envelope, or if one input is constant.
     pub(crate) fn of(campaign: &Campaign<'_>, bank: &Bank, inputs: &[usize]) -> Option<Region> {
         // Speeds are left out: a speed above the known range shows in the temperatures.
         let inputs: Vec<usize> =
@@ -72,7 +73,7 @@ impl Region {
         Some(Region { inputs: named.collect::<Option<_>>()?, covariance, reach })
     }
 
-    /// Returns the content of the envelope file (JSON).
+    /// Returns the content of the envelope file in JSON.
     pub(crate) fn file(&self) -> Value {
         let inputs: Vec<Value> = (self.inputs.iter())
             .map(|(signal, mean, min, max)| {

@@ -1,9 +1,10 @@
-//! Files of the runs in which a faulty sensor was repaired, for inspection.
+//! Files of the runs in which a faulty sensor was repaired. The operator can inspect the repair in these files.
 
 use crate::setup::Ready;
 
-/// Returns the name and the CSV text of each run with a repaired sensor. The columns are `time_s`, and every column as
-/// it is used for identification. Each repaired column also occurs as it was recorded, for example as `bed_recorded`.
+/// Returns the name and the CSV text of each run with a repaired sensor. The columns are `time_s` and all log columns,
+/// as they are used for identification. In addition, each repaired column occurs as it was recorded, for example with
+/// the name `bed_recorded`.
 pub fn repaired_files(ready: &Ready<'_>) -> Vec<(String, String)> {
     let (dataset, logs) = (ready.campaign.dataset.as_ref(), ready.logs);
     let of_run = |(place, run): (usize, &crate::dataset::Run)| {

@@ -1,4 +1,5 @@
-//! Reports of results, as one HTML file without scripts and external resources. The file can be sent to a customer.
+//! Reports of results. Each report is one HTML file without scripts and external resources, so that it can be sent to a
+//! customer.
 //!
 //! ```text
 //! identified ─┬─ logs              runs, sensors, correlation map

@@ -1,8 +1,8 @@
 //! Resolution (count) of a sensor: the smallest step that its readings can make.
 //!
-//! If the raw value of a sensor is a whole number, the profile gives the count. Otherwise the count is estimated from
-//! plateaus: values that several consecutive readings share. The difference of two plateaus is a whole number of
-//! counts, even if the rows of the log are means. The difference of two averaged rows is not.
+//! If the raw value of a sensor is a whole number, the scale in the profile is the count. Otherwise the count is
+//! estimated from plateaus. A plateau is a value that several consecutive readings have. The difference of two plateaus
+//! is a whole number of counts, even if the rows of the log are means of several readings.
 
 use crate::dataset::Dataset;
 use crate::faults;
@@ -10,23 +10,23 @@ use crate::statistics::count;
 use isotherm_core::codec::DataType;
 use isotherm_profile::Signal;
 
-/// Minimum number of consecutive equal readings of a plateau. Means of a fluctuating reading are rarely equal so often.
+/// Minimum number of consecutive equal readings that form a plateau. Means of a fluctuating reading are rarely equal so
+/// often.
 const PLATEAU: usize = 5;
-/// Minimum share of the readings on plateaus for a sensor (log column) whose counts are coarse.
+/// Minimum share of the readings of a sensor that must be on plateaus, so that its counts are treated as coarse.
 const COARSE: f64 = 0.2;
-/// Minimum number of plateaus for which the counts of a sensor are treated as coarse, whatever the share of readings on
-/// plateaus. A fine sensor has one plateau for each time that it froze.
+/// Number of plateaus from which the counts of a sensor are treated as coarse, even if few readings are on plateaus. A
+/// fine sensor has only one plateau for each time that it froze.
 const MANY: usize = 10;
-/// Difference below which two readings are equal, °C.
+/// Difference below which two readings count as equal, °C.
 const SAME: f64 = 1e-6;
-/// Maximum count that is assumed for a temperature sensor of a machine, °C.
+/// Largest count that is assumed for a temperature sensor of a machine, °C.
 const MOST: f64 = 1.0;
-/// Count of a typical temperature input module, °C. The count is assumed for a coarse sensor whose reading never
-/// changed.
+/// Count of a typical temperature input module, °C. It is assumed for a coarse sensor whose reading never changed.
 const USUAL: f64 = 0.1;
 
-/// Returns the count of a signal in its unit; `None` if its raw value is no whole number,
-/// or if its device may change the scale.
+/// Returns the count of a signal in its unit; `None` if the raw value of the signal is not a whole number, or if the
+/// device may change the scale.
 pub(crate) fn scale(signal: &Signal) -> Option<f64> {
     if signal.scale_from.is_some() {
         return None;
@@ -37,8 +37,8 @@ pub(crate) fn scale(signal: &Signal) -> Option<f64> {
     }
 }
 
-/// Estimates the count (smallest step) of a sensor, in its unit, from the plateaus in its log column. Returns 0 if
-/// there are too few plateaus.
+/// Estimates the count (smallest step) of a sensor from the plateaus in its log column, in the unit of the column.
+/// Returns 0 if there are too few plateaus.
 pub(crate) fn estimated(dataset: &Dataset, column: usize) -> f64 {
     let (mut levels, mut still, mut all) = (Vec::new(), 0, 0);
     for run in &dataset.runs {
@@ -61,8 +61,8 @@ pub(crate) fn estimated(dataset: &Dataset, column: usize) -> f64 {
     if smallest.is_finite() { smallest.min(MOST) } else { USUAL }
 }
 
-/// Returns the smallest step of a log column between two rows, in its unit; 0 if the column never changes. The step is
-/// the count of the sensor, except if the rows are means.
+/// Returns the smallest step between two successive rows of a log column, in the unit of the column; 0 if the column
+/// never changes. If the rows are not means, this step is the count of the sensor.
 pub(crate) fn finest_step(dataset: &Dataset, column: usize) -> f64 {
     faults::resolution(dataset, column).min(MOST)
 }

@@ -1,4 +1,4 @@
-//! Selection of temperature measuring points, without a profile.
+//! Selection of temperature measuring points from logs, without a profile.
 //!
 //! ```text
 //! dataset ── points ── bank ──┬─ similarity     correlation with the error and with each other, groups
@@ -30,27 +30,28 @@ pub(crate) use point_counts::point_counts;
 pub use points::{Pointed, points, without_incomplete};
 pub use steps::{Step, Steps};
 
-/// Result of the assessment of all measuring points. Serialized, it is the JSON of `select`.
+/// Result of the assessment of all measuring points. In JSON, this structure is the output of `isotherm select`.
 #[derive(Clone, Debug, Serialize)]
 pub struct Selected {
     /// Name of the log column with the measured error.
     pub error: String,
-    /// Result of each run: without compensation, and as a held-out run with the recommended points.
+    /// Result of each run: its error without compensation, and its residual error as a held-out run with the
+    /// recommended points.
     pub runs: Vec<RunScore>,
-    /// Measuring points, sorted by the correlation with the error, the strongest first.
+    /// Measuring points, sorted by the absolute correlation with the error, the strongest first.
     pub points: Vec<Point>,
-    /// Correlations of the measuring points with each other, in the order of `points`.
+    /// Correlation of each two measuring points. Rows and columns are in the order of `points`.
     pub mutual: Vec<Vec<f64>>,
     /// Groups of similar points, for each threshold of the correlation.
     pub groups: Vec<Grouped>,
-    /// Result of the partial F tests.
+    /// Result of the stepwise selection by partial F tests.
     pub stepwise: Steps,
-    /// Held-out results by the number of points, from zero points on.
+    /// Held-out result for each number of points, beginning with zero points.
     pub by_count: Vec<Counted>,
     /// Held-out result with all points.
     pub all_points: Counted,
-    /// Smallest number of points with a result of at most 1.1 times the best of `by_count`. The result is the geometric
-    /// mean of mean range and root mean square.
+    /// Recommended points: the smallest number of points whose result is at most 1.1 times the best result in
+    /// `by_count`. This result is the geometric mean of the mean range and the mean root mean square.
     pub recommended: Recommended,
     /// Remarks about the points and the logs.
     #[serde(flatten)]
@@ -66,18 +67,18 @@ pub struct Point {
     pub correlation: f64,
     /// Grey relational grade of the point, 0 to 1.
     pub grey_grade: f64,
-    /// Largest range (maximum minus minimum) of the rise in any run, °C.
+    /// Largest range (maximum minus minimum) of the temperature rise at the point in any run, °C.
     pub moved: f64,
 }
 
-/// Groups of points for one threshold: every two points of a group have at least the absolute correlation
+/// Groups of similar points for one threshold. Any two points of a group have at least the absolute correlation
 /// `correlation`.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Grouped {
-    /// Minimum absolute correlation between two members of a group.
+    /// Threshold: minimum absolute correlation between any two points of a group.
     pub correlation: f64,
-    /// Names of the members of each group. The first member has the strongest correlation with the error, and
-    /// represents the group.
+    /// Names of the points of each group. The first point has the strongest correlation with the error, and represents
+    /// the group.
     pub groups: Vec<Vec<String>>,
 }
 
@@ -88,9 +89,10 @@ pub struct Recommended {
     pub k: usize,
     /// Recommended points, in the order in which the search added them.
     pub points: Vec<String>,
-    /// For each point, the number of held-out fits that also selected this point.
+    /// For each recommended point: number of held-out fits that also selected this point.
     pub chosen_in: BTreeMap<String, usize>,
-    /// For each point, the other members of its group at the first threshold, which could replace it.
+    /// For each recommended point: the other points of its group at the first threshold. Each of them could replace the
+    /// point.
     pub alike: BTreeMap<String, Vec<String>>,
     /// Reason for the recommendation, in one sentence.
     pub why: String,
@@ -99,17 +101,17 @@ pub struct Recommended {
 /// Settings of the selection of points.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Settings {
-    /// Thresholds for groups of similar points: minimum absolute correlation between two points of a group.
+    /// Thresholds for groups of similar points: minimum absolute correlation between any two points of a group.
     pub groups: Vec<f64>,
-    /// Time constants of the lags through which each point is used.
+    /// Time constants of the lags through which each point is used; `None` means no lag.
     pub lags: Vec<Option<Duration>>,
-    /// Maximum number of points in `by_count`.
+    /// Maximum number of points for which the held-out result is calculated.
     pub most: usize,
-    /// Time between two independent samples in the F tests.
+    /// Minimum time between two rows that count as independent samples in the F tests.
     pub independent: Duration,
 }
 
-/// Default time constants of the lags: none, 6, 25 and 100 minutes.
+/// Default time constants of the lags: none (no lag), 6, 25 and 100 minutes.
 const LAGS: [Option<Duration>; 4] =
     [None, Some(Duration::from_mins(6)), Some(Duration::from_mins(25)), Some(Duration::from_mins(100))];
 
@@ -124,7 +126,7 @@ impl Default for Settings {
     }
 }
 
-/// Assesses every temperature point, and recommends some of them.
+/// Assesses every temperature measuring point, and recommends some points.
 ///
 /// # Errors
 /// A run has no complete row. The message says what to do.

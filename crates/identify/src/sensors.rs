@@ -28,7 +28,7 @@ impl Forward {
     }
 
     /// Returns at most `most` sensors, in the order in which the search added them. The search uses only the runs
-    /// `runs`, and no input of `without`.
+    /// `runs`, and does not use the inputs in `without`.
     pub(crate) fn path(&self, runs: &[usize], without: &[usize], most: usize) -> Vec<usize> {
         let width = self.bank.candidates.len();
         let every: Vec<usize> = (0..width).collect();

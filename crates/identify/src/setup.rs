@@ -1,4 +1,5 @@
-//! Check of the chosen columns against the profile and the logs. Every error is a message that says what to do.
+//! Checks the chosen log columns against the profile and the logs. Every error is a message that tells the operator
+//! what to do.
 
 use std::time::Duration;
 
@@ -18,7 +19,7 @@ use sound_sensors::{SoundSensors, examine};
 
 mod sound_sensors;
 
-/// Log columns that the operator has chosen, and their use. Without a profile, `axis` and `position` are ignored.
+/// Choice of the operator: log columns and their use. Without a profile, `axis` and `position` are ignored.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Choice {
     /// Name of the axis; `None` means the only axis of the profile.
@@ -27,26 +28,27 @@ pub struct Choice {
     pub error: Option<String>,
     /// Names of the inputs. If the list is empty, every temperature of the profile that the logs contain is an input.
     pub inputs: Vec<String>,
-    /// Whether each speed of the profile that all logs contain is also an input.
+    /// Whether the speeds of the profile are also inputs, if all logs contain them.
     pub speeds: bool,
     /// Inputs that are left out.
     pub without: Vec<String>,
-    /// Inputs that are used although they look faulty.
+    /// Names of inputs that are used although they appear to be faulty.
     pub keep: Vec<String>,
     /// Time over which log rows are averaged; zero means no averaging.
     pub resample: Duration,
-    /// Signal of the axis position, and the position at which the slope adds nothing, mm.
+    /// Name of the position signal of the axis, and the position at which the slope adds nothing to Cz (the
+    /// compensation value), mm. `None` without a slope.
     pub position: Option<(String, f64)>,
 }
 
-/// Checked runs and inputs from which a model can be identified.
+/// Checked runs and inputs, from which a model can be identified.
 #[derive(Clone, Debug)]
 pub struct Ready<'a> {
-    /// Runs, read through the signals of the profile.
+    /// Runs, as the gateway would read them through the signals of the profile.
     pub(crate) campaign: Campaign<'a>,
     /// Name of the axis.
     pub axis: String,
-    /// Logs as they were recorded.
+    /// Logs as they were recorded, without repairs.
     pub logs: &'a Dataset,
     /// Remarks about the sensors and the logs.
     pub notes: Notes,
@@ -55,8 +57,8 @@ pub struct Ready<'a> {
 }
 
 impl Ready<'_> {
-    /// Returns half a count of the axis's register, µm. Without an output, a count of 0.1 µm is assumed, which is usual
-    /// for a CNC.
+    /// Returns half a count (smallest step) of the offset register of the axis, µm. If the axis has no output, a count
+    /// of 0.1 µm is assumed, which is usual for a CNC.
     pub(crate) fn half_a_count(&self) -> f64 {
         const USUAL: f64 = 0.1;
         let own = self.campaign.axes.iter().find(|axis| axis.name == self.axis);
@@ -64,9 +66,9 @@ impl Ready<'_> {
     }
 }
 
-/// Subtracts the effect of the active Cz (Cz that acted during the measurement) from the measured error. The Cz is read
-/// from a log of the gateway, or from the column that `applied` names. Touches of a probe become measured errors, too.
-/// A run with touches extends from one datum (zero point) to the next.
+/// Removes the active Cz (the compensation value that was active during the measurement) from the measured error. The
+/// Cz is in a log of the gateway, or in the column that `applied` names. Touches of a probe are converted to measured
+/// errors, too. Runs with touches are divided at each datum (zero point).
 ///
 /// # Errors
 /// Returns a message if the active Cz cannot be determined.
@@ -83,8 +85,8 @@ pub fn without_cz(
     applied::without_cz(dataset, &error, Some(&axis), moves, applied)
 }
 
-/// Leaves out the runs that lack an input that other runs have, if that leaves less error than leaving out the input. A
-/// remark of the dataset states the choice.
+/// Handles runs that lack an input that other runs have. Either these runs or the input are left out, whichever gives
+/// the smaller error. A remark of the dataset states the choice.
 pub fn without_incomplete(profile: &Profile, dataset: &mut Dataset, choice: &Choice) {
     let Some(error) = dataset.column(&choice.error_column(profile)) else { return };
     // `ready` refuses copies. With a moving axis, the error must first be separated by place.
@@ -115,14 +117,16 @@ pub fn without_incomplete(profile: &Profile, dataset: &mut Dataset, choice: &Cho
 }
 
 impl Choice {
-    /// Returns the log column with the measured error: the named one, or `<axis>_error_um`.
+    /// Returns the name of the log column with the measured error: the name that the operator chose, or
+    /// `<axis>_error_um`.
     #[must_use]
     pub fn error_column(&self, profile: &Profile) -> String {
         // `ready` reports a missing axis.
         self.error_of(&axis(profile, self, &mut Vec::new()).unwrap_or_default())
     }
 
-    /// Returns two log columns: with the touches of the axis, and with the Cz that acted during each touch.
+    /// Returns the names of two log columns: the touches of the axis, and the Cz (compensation value) that was active
+    /// during each touch.
     #[must_use]
     pub(crate) fn touch_columns(&self, profile: &Profile) -> [String; 2] {
         touches::columns(&axis(profile, self, &mut Vec::new()).unwrap_or_default())
@@ -133,12 +137,13 @@ impl Choice {
     }
 }
 
-/// Returns a function that gives the unit of a log column; `None` if the column is no signal of the profile.
+/// Returns a function that returns the unit of a log column in the profile; `None` if the column is not a signal of the
+/// profile.
 pub fn units(profile: &Profile) -> impl Fn(&str) -> Option<&'static str> + '_ {
     |name| profile.signals.iter().find(|signal| signal.name == name).map(|signal| signal.unit.0)
 }
 
-/// Checks the choice. Repairs faulty sensors, or leaves them out.
+/// Checks the choice of the operator. Repairs faulty sensors, or leaves them out.
 ///
 /// # Errors
 /// The choice does not fit the profile or the logs, or a log is unusual. All errors are returned as messages.
@@ -156,7 +161,8 @@ pub fn ready<'a>(profile: &Profile, dataset: &'a Dataset, choice: &Choice) -> Re
                     why => why,
                 };
                 wrong.push(format!(
-                    "no log has a column `{name}` with the measured error in µm{why}; name it with --error"
+                    "no log has a column `{name}` with the measured error in µm{why}. Write the name of that \
+                     column after --error"
                 ));
             }
             found
@@ -184,7 +190,7 @@ pub fn ready<'a>(profile: &Profile, dataset: &'a Dataset, choice: &Choice) -> Re
     remarks.extend(found);
     if profile.machine.settle.is_zero() {
         remarks.push(
-            "the profile has no machine.settle; references were taken as the mean of the first 3 minutes: write \
+            "the profile has no machine.settle, so each reference is the mean of the first 3 minutes: write \
              settle = \"3min\" under [machine]"
                 .to_owned(),
         );
@@ -206,7 +212,9 @@ fn axis(profile: &Profile, choice: &Choice, wrong: &mut Vec<String>) -> Option<S
         (Some(asked), _) => format!("the profile has no axis `{asked}`{}", nearest(asked, &names)),
         (None, [only]) => return Some((*only).to_owned()),
         (None, []) => "the profile has no axis; add [axis.z]".to_owned(),
-        (None, _) => format!("name the axis with --axis: one of {}", names.join(", ")),
+        (None, _) => {
+            format!("the profile has several axes: write one of them after --axis: {}", names.join(", "))
+        }
     };
     wrong.push(why);
     None
@@ -216,8 +224,8 @@ fn signals(profile: &Profile) -> Vec<&str> {
     profile.signals.iter().map(|signal| signal.name.as_str()).collect()
 }
 
-/// Returns the index of a signal. If the profile has no signal of this name, adds a message to `wrong` and returns
-/// `None`.
+/// Returns the index of the signal with this name. If the profile has no such signal, adds a message to `wrong` and
+/// returns `None`.
 fn signal(profile: &Profile, name: &str, wrong: &mut Vec<String>) -> Option<SignalId> {
     let signals = signals(profile);
     let found = signals.iter().position(|signal| *signal == name);
@@ -227,7 +235,8 @@ fn signal(profile: &Profile, name: &str, wrong: &mut Vec<String>) -> Option<Sign
     found.map(SignalId)
 }
 
-/// Returns a signal that is in the profile and in the logs. Otherwise, adds a message to `wrong` and returns `None`.
+/// Returns the input for a signal that is in the profile and in the logs. Otherwise, adds a message to `wrong` and
+/// returns `None`.
 fn input(
     profile: &Profile,
     dataset: &Dataset,
@@ -269,14 +278,15 @@ fn inputs(
         let unknown: Vec<&str> = logged.filter(|name| !signals.contains(name)).collect();
         if !unknown.is_empty() {
             remarks.push(format!(
-                "left out, because the profile does not have them: {}; to use them, add a [signal.…] for \
-                 each",
+                "columns that are not used, because the profile has no signal with this name: {}. To use such \
+                 a column, add a table [signal.…] for it",
                 unknown.join(", ")
             ));
         }
         if found.is_empty() {
             wrong.push(format!(
-                "no temperature of the profile ({}) is a column of the logs ({}): give both the same names",
+                "no temperature of the profile ({}) has the same name as a column of the logs ({}). Use the \
+                 same names in the profile and in the logs",
                 signals.join(", "),
                 dataset.names().join(", ")
             ));
@@ -293,8 +303,8 @@ fn inputs(
     found
 }
 
-/// Returns the speeds that change in some run and are known in all runs. Other speeds are left out, because a model
-/// cannot use a row in which an input is missing.
+/// Returns the speeds that change in at least one run, and have values in all runs. A speed that is missing in a run is
+/// left out, because a model cannot use a row in which an input is missing.
 fn speeds<'a>(
     profile: &'a Profile,
     dataset: &Dataset,
@@ -308,10 +318,10 @@ fn speeds<'a>(
         let Some(column) = dataset.column(name).filter(turns) else { continue };
         let share = |run: &Run| faults::missing(run, column);
         if !choice.inputs.is_empty() {
-            remarks.push(format!("{name} is no input, because --inputs does not name it"));
+            remarks.push(format!("{name} is not an input, because it is not in the list after --inputs"));
         } else if let Some(run) = dataset.runs.iter().find(|run| share(run) > faults::MISSING) {
             remarks.push(format!(
-                "{name} is no input, because it is missing in {:.0} % of the rows in {}",
+                "{name} is not an input, because it is missing in {:.0} % of the rows in {}",
                 100.0 * share(run),
                 run.name
             ));

@@ -1,10 +1,10 @@
-//! Similar columns: correlations over all runs, and groups of correlated columns.
+//! Similarity of log columns: correlations over all runs, and groups of correlated columns.
 
 use crate::bank::Bank;
 use crate::statistics::mean;
 
-/// Returns the correlation matrix of the rises of these inputs over the rows of all runs. The last row and column are
-/// the error e.
+/// Returns the correlation matrix of the rises of these inputs, over the rows of all runs. The last row and the last
+/// column of the matrix belong to the error e.
 pub(crate) fn correlations(bank: &Bank, inputs: &[usize]) -> Vec<Vec<f64>> {
     let columns = inputs.iter().filter_map(|input| bank.plain(*input));
     let series = columns.map(|column| bank.rises(column)).chain([bank.errors()]);
@@ -17,7 +17,8 @@ pub(crate) fn correlations(bank: &Bank, inputs: &[usize]) -> Vec<Vec<f64>> {
         .collect()
 }
 
-/// Subtracts the mean from the values, and scales them to length 1; all zeros if the values are constant.
+/// Subtracts the mean from the values, and divides them by their norm. If the values are constant, the result is all
+/// zeros.
 fn normalized(values: &[f64]) -> Vec<f64> {
     let mean = mean(values);
     let length = values.iter().map(|value| (value - mean).powi(2)).sum::<f64>().sqrt();
@@ -25,9 +26,9 @@ fn normalized(values: &[f64]) -> Vec<f64> {
     values.iter().map(|value| (value - mean) * scale).collect()
 }
 
-/// Returns groups in which every two members have an absolute correlation of at least `least`. The method is complete
-/// linkage: it first joins the two groups whose most distant pair is closest. Members are sorted within their group,
-/// and groups by their first member.
+/// Returns groups of members. Any two members of a group have an absolute correlation of at least `least`. The method
+/// is complete linkage: each step joins the two groups whose least similar members are the most similar. Members are
+/// sorted within their group, and groups are sorted by their first member.
 pub(crate) fn groups(correlations: &[Vec<f64>], members: usize, least: f64) -> Vec<Vec<usize>> {
     let mut groups: Vec<Vec<usize>> = (0..members).map(|member| vec![member]).collect();
     let weakest = |one: &[usize], other: &[usize]| {
@@ -52,8 +53,8 @@ pub(crate) fn groups(correlations: &[Vec<f64>], members: usize, least: f64) -> V
     groups
 }
 
-/// Returns an order of the members in which similar members are adjacent. Members are sorted by groups, and within them
-/// by smaller groups of higher correlation.
+/// Returns an order of the members in which similar members are next to each other. First come groups of low
+/// correlation; within a group, the members are ordered by subgroups of higher correlation.
 pub(crate) fn order(correlations: &[Vec<f64>], members: usize) -> Vec<usize> {
     let mut order: Vec<usize> = (0..members).collect();
     let levels: Vec<Vec<Vec<usize>>> =

@@ -1,4 +1,4 @@
-//! Least squares by normal equations, with or without a penalty.
+//! Least squares by normal equations, with or without a penalty for large gains.
 
 use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::linalg::cholesky::llt::{factor, solve};
@@ -13,14 +13,14 @@ mod net;
 
 pub(super) use net::Net;
 
-/// Minimum penalty. With it, the equations have a solution even if two terms are equal. The penalty has no noticeable
-/// effect otherwise.
+/// Minimum penalty. With this penalty, the equations have a solution even if two terms are equal. In other cases, its
+/// effect is negligible.
 const ROUNDING: f64 = 1e-12;
-/// Minimum root mean square that is assumed for a term. A term that is always zero would otherwise have the scale zero.
+/// Minimum root mean square that is assumed for a term. Without it, a term of zeros would have the scale zero.
 const STANDS_STILL: f64 = 1e-9;
 
-/// Returns the gains w of these columns that minimize the mean squared residual plus `penalty`·|w|². For the penalty,
-/// each column is scaled to a root mean square of 1.
+/// Returns the gains w of these columns that minimize the mean squared residual plus `penalty`·|w|². The penalty
+/// applies to gains of columns that are scaled to a root mean square of 1.
 pub(super) fn ridge(gram: &Gram, columns: &[usize], penalty: f64) -> DVector<f64> {
     let (scaled, scales) = gram.of_columns(columns).scaled();
     least_squares(&scaled, penalty).component_div(&scales)
@@ -32,9 +32,9 @@ pub(super) fn least_squares(scaled: &Gram, penalty: f64) -> DVector<f64> {
     penalized(&scaled.square, &scaled.cross, penalty.max(ROUNDING))
 }
 
-/// Ridge regression on products of whitened rows (rows without their slow random drift), for any penalty. Each column
-/// is divided by the square root of the product of its scale and the median scale. Therefore a column that changes less
-/// has a greater penalty, but only by the square root.
+/// Ridge regression on products of whitened rows (rows from which their slow random drift is removed). The solution can
+/// be calculated for any penalty. Each column is divided by the square root of the product of its scale and the median
+/// scale. A column that changes less has a greater penalty. Without this division, its penalty would be much greater.
 pub(super) struct Ridge {
     scaled: Gram,
     scales: DVector<f64>,
@@ -54,13 +54,13 @@ impl Ridge {
     }
 }
 
-/// Returns the penalties from 10^`first` to 10^`last`, with `each` penalties per decade.
+/// Returns a series of penalties from 10^`first` to 10^`last`, with `each` penalties per decade.
 pub(super) fn decades(first: i32, last: i32, each: i32) -> Vec<f64> {
     (first * each..=last * each).map(|step| 10f64.powf(f64::from(step) / f64::from(each))).collect()
 }
 
-/// Returns the solution w of (X'X + penalty)·w = X'y. If columns are dependent, the penalty grows until there is a
-/// solution.
+/// Returns the solution w of (X'X + penalty)·w = X'y. If columns are linearly dependent, the penalty is increased until
+/// there is a solution.
 pub(super) fn penalized(square: &DMatrix<f64>, cross: &DVector<f64>, penalty: f64) -> DVector<f64> {
     let (mut each, mut all) = (penalty, penalty);
     loop {
@@ -72,7 +72,7 @@ pub(super) fn penalized(square: &DMatrix<f64>, cross: &DVector<f64>, penalty: f6
     }
 }
 
-/// Returns the solution by Cholesky factorization; `None` if the matrix is not positive definite.
+/// Solves the equations by Cholesky factorization; `None` if the matrix is not positive definite.
 fn positive(square: &DMatrix<f64>, cross: &DVector<f64>, penalty: f64) -> Option<DVector<f64>> {
     let size = square.nrows();
     let mut factors = square.clone();

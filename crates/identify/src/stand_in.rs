@@ -1,8 +1,8 @@
-//! Virtual sensors: predictions of the reading of a frozen or lost sensor from the other sensors.
+//! Virtual sensors (stand-ins): predictions of the reading of a frozen or lost sensor from the other sensors.
 //!
 //! The rise of each sensor is predicted from the other sensors through the usual lags, by ridge regression on whitened
-//! rows. The sensor is suspected to be frozen if its reading has been constant for a while and the prediction has moved
-//! by more than θ:
+//! rows. x̂(t) is the predicted reading at the time t. A sensor is suspected to be frozen if its reading has been
+//! constant, while the prediction has moved by more than the threshold θ:
 //!
 //! ```text
 //! D(t) = |x̂(t) − x̂(s)|   s: time of the last change of the reading; D is 0 in the 3 minutes after s
@@ -11,7 +11,8 @@
 //!        if its D exceeds three times the largest D of the other runs.
 //! ```
 //!
-//! From then on, x̂(t) + (constant reading − x̂(s)) replaces the reading. The lags of the model use this value.
+//! From then on, the value x̂(t) + (constant reading − x̂(s)) replaces the reading. The model uses this value, also for
+//! its lags.
 
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
@@ -33,30 +34,33 @@ mod frozen;
 
 pub use frozen::{Frozen, frozen};
 
-/// Time after a change of the reading for which a sensor cannot be suspected, s.
+/// Time after a change of the reading within which a sensor is never suspected, s.
 const LATELY: f64 = 180.0;
 /// Minimum of the threshold θ, °C. A smaller difference is noise.
 const LEAST: f64 = 0.05;
-/// Factor between the threshold θ and the largest D on good runs.
+/// Factor from the largest D on good runs to the threshold θ. D is the predicted motion while the reading is constant.
 const TIMES: f64 = 2.0;
-/// Minimum number of runs for which the run with the largest D may be ignored, because its sensor may have been faulty.
+/// Minimum number of runs with which the run with the largest D may be ignored. The sensor may have been faulty in that
+/// run.
 const ENOUGH_RUNS: usize = 4;
-/// Factor by which the largest D must exceed the second largest to be ignored.
+/// Factor by which the largest D must exceed the second largest D, so that its run is ignored.
 const FAR: f64 = 3.0;
-/// Ridge penalty for a single run, with which no validation is possible.
+/// Ridge penalty if there is only one run, because no validation is possible then.
 const UNCHOSEN: f64 = 0.3;
 
 /// Stand-in of one sensor: the prediction of its reading from other sensors.
 #[derive(Clone, Debug, Serialize)]
 pub struct StandIn {
-    /// Signal of the sensor.
+    /// Name of the signal of the sensor.
     pub signal: String,
-    /// Threshold θ of the predicted motion, °C. Above it, a sensor with a constant reading is suspected to be frozen.
+    /// Threshold θ, °C. If the prediction moves by more than θ while the reading is constant, the sensor is suspected
+    /// to be frozen.
     pub threshold: f64,
-    /// Whether the stand-in may be used: it depends on at least two other sensors, and no fallback model leaves less
-    /// error.
+    /// Whether the gateway may use the stand-in. It must depend on at least two other sensors, and no fallback model
+    /// may have a smaller error.
     pub stands_in: bool,
-    /// Terms of the prediction: name of another sensor, time constant in s, gain in °C per °C.
+    /// Terms of the prediction. Each item is the name of another sensor, the time constant in s, and the gain in °C per
+    /// °C.
     #[serde(skip)]
     pub terms: Vec<(String, f64, f64)>,
     /// Means of the held-out results if the sensor is lost from the start of each run.
@@ -65,8 +69,8 @@ pub struct StandIn {
 }
 
 impl StandIn {
-    /// Returns whether the stand-in depends on at least two other sensors. A fault of a single sensor would change the
-    /// stand-in by its full amount. Therefore the gateway does not use such a stand-in.
+    /// Returns whether the stand-in depends on at least two other sensors. The gateway does not use a stand-in that
+    /// depends on one sensor, because a fault of that sensor would fully change the stand-in.
     pub(crate) fn has_others_enough(&self) -> bool {
         let mut names = self.terms.iter().filter(|(_, _, gain)| gain.abs() > 0.0).map(|(name, ..)| name);
         names.next().is_some_and(|first| names.any(|name| name != first))
@@ -80,8 +84,8 @@ impl StandIn {
     }
 }
 
-/// Rises of the sensors in every log row, including rows without a measured error. Each sensor is predicted from the
-/// others.
+/// Data for the predictions: rises of the sensors in every log row, including rows without a measured error. Each
+/// sensor is predicted from the other sensors.
 pub(crate) struct Others<'a> {
     campaign: &'a Campaign<'a>,
     bank: Bank,
@@ -94,7 +98,7 @@ pub(crate) struct Others<'a> {
 type Gains = Vec<(Candidate, f64)>;
 
 impl<'a> Others<'a> {
-    /// Creates the data of those inputs in `among` that are not speeds.
+    /// Creates the data for the inputs in `among` that are not speeds.
     pub(crate) fn new(campaign: &'a Campaign<'a>, among: &[usize]) -> Others<'a> {
         let mut sensors = campaign.sensors();
         sensors.retain(|sensor| among.contains(sensor));
@@ -103,7 +107,8 @@ impl<'a> Others<'a> {
         Others { campaign, white: bank.runs_in_parallel(gram), bank, sensors }
     }
 
-    /// Returns the Gram products of these candidate terms. The target is the rise of the sensor `own`.
+    /// Returns the Gram products (X'X, X'y, y'y) of these candidate terms over these runs. The target y is the rise of
+    /// the sensor in the column `own`.
     fn products(&self, own: usize, columns: &[usize], runs: &[usize]) -> Gram {
         let sum = Gram::sum(&self.white, runs);
         Gram {
@@ -116,12 +121,14 @@ impl<'a> Others<'a> {
         }
     }
 
-    /// Fits the gains that predict a sensor from the others, on these runs. The penalty is chosen on held-out runs.
+    /// Fits the gains that predict a sensor from the other sensors, on these runs. The penalty is chosen on held-out
+    /// runs.
     fn learn(&self, sensor: usize, runs: &[usize]) -> Gains {
         self.learn_with(sensor, runs, self.penalty(sensor, runs))
     }
 
-    /// Returns the column of a sensor, and the columns of the others; `None` if there is no other sensor, or no run.
+    /// Returns the column of a sensor without a lag, and all columns of the other sensors. `None` if there is no other
+    /// sensor, or no run.
     fn columns(&self, sensor: usize, runs: &[usize]) -> Option<(usize, Vec<usize>)> {
         let candidates = self.bank.candidates.iter().enumerate();
         let others = candidates.filter(|(_, candidate)| candidate.input != sensor);
@@ -130,7 +137,7 @@ impl<'a> Others<'a> {
         Some((own, columns))
     }
 
-    /// Returns the penalty with the smallest error on held-out runs.
+    /// Returns the ridge penalty for the prediction of a sensor that gives the smallest error on held-out runs.
     fn penalty(&self, sensor: usize, runs: &[usize]) -> f64 {
         let Some((own, columns)) = self.columns(sensor, runs) else { return UNCHOSEN };
         let all = self.products(own, &columns, runs);
@@ -143,7 +150,7 @@ impl<'a> Others<'a> {
         least_sum(costs).map_or(UNCHOSEN, |(place, _)| penalties[place])
     }
 
-    /// Fits the gains that predict a sensor from the others, on these runs and with this penalty.
+    /// Fits the gains that predict a sensor from the other sensors, on these runs and with this ridge penalty.
     fn learn_with(&self, sensor: usize, runs: &[usize], penalty: f64) -> Gains {
         let Some((own, columns)) = self.columns(sensor, runs) else { return Gains::new() };
         let gains = Ridge::of(&self.products(own, &columns, runs)).at(penalty);
@@ -168,7 +175,7 @@ impl<'a> Others<'a> {
         apart(seconds, &self.predicted(gains, run), &self.changed(sensor, run))
     }
 
-    /// Returns the time of the last change of the reading in each row of a run, s.
+    /// Returns for each row of a run the time of the last change of the sensor's reading, s.
     fn changed(&self, sensor: usize, run: usize) -> Vec<f64> {
         let recorded = &self.campaign.dataset.runs[run];
         let values = &recorded.values[self.campaign.inputs[sensor].column];
@@ -201,7 +208,8 @@ impl<'a> Others<'a> {
         threshold(&self.held_out(sensor, runs))
     }
 
-    /// Returns the change of Cz in every row of a run if the rise of a sensor changes by `other`, µm.
+    /// Returns the change of Cz (the compensation value) in each row of a run, µm, if `other` is added to the rise of a
+    /// sensor.
     fn changes(&self, sensor: usize, learned: &[(Candidate, f64)], run: usize, other: &[f64]) -> Vec<f64> {
         let seconds = &self.bank.runs[run].seconds;
         let mut cz = vec![0.0; seconds.len()];
@@ -213,8 +221,8 @@ impl<'a> Others<'a> {
         cz
     }
 
-    /// Scores a held-out run whose residual error is changed by this Cz. `cz` has a value for every row of the log. The
-    /// held-out run only has the rows with an error, and with a speed if the model has a speed as input.
+    /// Scores a held-out run after the change `cz` is added to its residual error. `cz` has a value for each log row.
+    /// The held-out run contains only the rows in which the error and all inputs have values.
     fn score(&self, held: &HeldOut, run: usize, cz: &[f64]) -> RunScore {
         let change =
             |window: &u128| self.bank.runs[run].windows.binary_search(window).map_or(0.0, |row| cz[row]);
@@ -229,7 +237,8 @@ impl<'a> Others<'a> {
         column.map(|column| column.iter().copied().collect()).unwrap_or_default()
     }
 
-    /// Returns the held-out results if the sensor is lost from the start of each run.
+    /// Returns the means of the held-out results if the sensor is lost from the start of each run, and its stand-in is
+    /// used.
     fn lost(&self, sensor: usize, held_out: &[HeldOut]) -> Means {
         let all = 0..held_out.len();
         let score = |(out, held): (usize, &HeldOut)| {
@@ -245,7 +254,7 @@ impl<'a> Others<'a> {
     }
 }
 
-/// Returns the stand-ins of these inputs of a model, predicted from the sensors in `among`.
+/// Returns a stand-in for each of these inputs of a model. The stand-ins are predicted from the sensors in `among`.
 pub(crate) fn stand_ins(
     campaign: &Campaign<'_>,
     among: &[usize],
@@ -271,7 +280,7 @@ pub(crate) fn stand_ins(
     if others.sensors.len() < 2 { Vec::new() } else { sensors.iter().map(one).collect() }
 }
 
-/// Returns the threshold θ, °C, from D (the predicted motion since the reading last changed) in each run.
+/// Returns the threshold θ, °C, calculated from D (the predicted motion since the reading last changed) of all runs.
 fn threshold(each: &[(usize, Vec<f64>)]) -> f64 {
     let mut largest: Vec<f64> =
         each.iter().map(|(_, apart)| apart.iter().copied().fold(0.0, f64::max)).collect();
@@ -284,8 +293,8 @@ fn threshold(each: &[(usize, Vec<f64>)]) -> f64 {
     (TIMES * seen).max(LEAST)
 }
 
-/// Returns D in each log row, °C: the motion of `predicted` since the reading last changed. `changed` is the time of
-/// the last change before each row, s.
+/// Returns D in each log row, °C: the motion of `predicted` since the last change of the reading. `changed` contains
+/// the time of the last change for each row, s.
 fn apart(seconds: &[f64], predicted: &[f64], changed: &[f64]) -> Vec<f64> {
     let then = |changed: f64| seconds.partition_point(|second| *second <= changed).saturating_sub(1);
     let rows = seconds.iter().zip(predicted).zip(changed);
@@ -296,7 +305,8 @@ fn apart(seconds: &[f64], predicted: &[f64], changed: &[f64]) -> Vec<f64> {
     .collect()
 }
 
-/// Returns the lagged values. The lag starts at zero, and is exact for straight lines between rows.
+/// Returns the values after a first-order lag with this time constant, s. The initial value is zero. Between two rows,
+/// the values are assumed to follow a straight line.
 fn lagged(seconds: &[f64], values: &[f64], constant: f64) -> Vec<f64> {
     if constant <= 0.0 {
         return values.to_vec();

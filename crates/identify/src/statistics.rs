@@ -9,7 +9,7 @@ pub(super) fn count(rows: usize) -> f64 {
     count
 }
 
-/// Returns the smallest and the largest finite value; `None` if no value is finite.
+/// Returns the smallest and the largest of the finite values; `None` if no value is finite.
 pub(super) fn least_and_most<V: Borrow<f64>>(values: impl IntoIterator<Item = V>) -> Option<(f64, f64)> {
     let finite = values.into_iter().map(|value| *value.borrow()).filter(|value| value.is_finite());
     finite.fold(None, |span, value| {
@@ -18,7 +18,7 @@ pub(super) fn least_and_most<V: Borrow<f64>>(values: impl IntoIterator<Item = V>
     })
 }
 
-/// Returns the largest minus the smallest finite value; 0 if no value is finite.
+/// Returns the range of the finite values (maximum minus minimum); 0 if no value is finite.
 pub(super) fn range<V: Borrow<f64>>(values: impl IntoIterator<Item = V>) -> f64 {
     least_and_most(values).map_or(0.0, |(low, high)| high - low)
 }
@@ -56,8 +56,8 @@ pub(super) fn smallest(values: &[f64]) -> usize {
     (1..values.len()).fold(0, place)
 }
 
-/// Returns the index and the value of the smallest column sum; the first column if several sums are equal. `None` if
-/// there are no rows.
+/// Returns the index and the sum of the column with the smallest sum over all rows. If several sums are equal, returns
+/// the first of these columns. `None` if there are no rows.
 pub(super) fn least_sum(rows: impl IntoIterator<Item = Vec<f64>>) -> Option<(usize, f64)> {
     let add = |sums: Vec<f64>, row: Vec<f64>| sums.iter().zip(row).map(|(sum, cost)| sum + cost).collect();
     let sums = rows.into_iter().reduce(add)?;

@@ -1,5 +1,5 @@
 //! Conversion of touches (measurements with a probe) to measured errors. A log of the gateway contains an error only in
-//! the rows in which the axis was probed.
+//! the rows in which the axis was probed. Cz is the compensation value that was active during a touch.
 //!
 //! ```text
 //! logs ── join (files of one gateway) ── divide (at each datum) ── e = measured error − Cz that acted
@@ -7,13 +7,13 @@
 //!
 //! - A run goes from one datum (zero point of Cz) to the next. A datum is a machine start, or a zero command that the
 //!   axis uses. The error is zero at the datum. A run also ends when the machine is switched off.
-//! - Files of a gateway that follow each other are one record. In a part without a datum, the error is counted from the
-//!   first touch.
-//! - A long run ends at midnight (UTC), at least 12 hours after its datum. In the rest, the error is counted from its
-//!   first touch.
-//! - After a zero command, the rises are also counted from the datum. Such a run begins up to 12 hours earlier, so that
-//!   the lags have settled at its datum. The rows before the datum have no error.
-//! - A run whose errors were recorded row by row stays as it is.
+//! - Successive log files of a gateway are joined to one record. In a part of a record without a datum, the error is
+//!   counted from the first touch.
+//! - A long run is divided at midnight (UTC), at least 12 hours after its datum. In the later part, the error is
+//!   counted from the first touch of that part.
+//! - After a zero command, the rises are also counted from the datum. Such a run begins up to 12 hours before its
+//!   datum, so that the lags have settled at the datum. The rows before the datum have no error.
+//! - A run whose errors were recorded in each row is not changed.
 
 use std::collections::HashMap;
 use std::ops::Range;
@@ -30,20 +30,21 @@ use isotherm_profile::{Profile, counted};
 
 /// Maximum time without a row between two files of one record.
 const LONGEST_PAUSE: Duration = Duration::from_hours(1);
-/// Time after a datum (zero point) after which a run ends at the next midnight.
+/// Minimum time between a datum (zero point) and the midnight at which a long run is divided.
 const ENDS_AFTER: Duration = Duration::from_hours(12);
 const DAY: Duration = Duration::from_hours(24);
-/// Time by which a run begins before its datum (zero point), so that lags have settled. The longest usual time constant
-/// is 200 min.
+/// Maximum time before its datum (zero point) at which a run begins, so that the lags have settled. The longest usual
+/// time constant is 200 min.
 const LEAD_IN: Duration = Duration::from_hours(12);
 
-/// Returns the log columns of the touches of an axis: the measured error, and the Cz that acted during the touch.
+/// Returns the names of two log columns of an axis: the error that the touches measured, and the Cz that was active
+/// during each touch.
 pub(crate) fn columns(axis: &str) -> [String; 2] {
     [format!("{axis}_measured_um"), format!("{axis}_acting_um")]
 }
 
-/// Returns whether a log column contains the Cz that acted during touches. Such a column is no displacement of the
-/// machine.
+/// Returns whether a log column contains the Cz that was active during touches. Such a column is in µm, but is not a
+/// displacement of the machine.
 pub(crate) fn is_acting(dataset: &Dataset, column: &str) -> bool {
     let axis = column.strip_suffix("_acting_um");
     axis.is_some_and(|axis| dataset.column(&format!("{axis}_measured_um")).is_some())
@@ -52,19 +53,19 @@ pub(crate) fn is_acting(dataset: &Dataset, column: &str) -> bool {
 /// Signals that set the datums (zero points) of a machine.
 struct Datums<'a> {
     axis: &'a str,
-    /// Log column of the signal that is on while the machine is on; `None` if there is no such signal.
+    /// Index of the log column that shows whether the machine is on; `None` if there is no such column.
     on: Option<usize>,
-    /// Log column of the signal whose rising edge is a zero command; `None` if there is no such signal.
+    /// Index of the log column whose rising edge is a zero command; `None` if there is no such column.
     zero: Option<usize>,
     /// Whether a zero command sets a datum (zero point) of the axis.
     uses_zeros: bool,
 }
 
 /// Converts the touches of this axis to errors without Cz, in the column `error`. Runs with touches are joined and
-/// divided, so that each run goes from one datum (zero point) to the next. Nothing changes if no log has touches.
+/// divided, so that each run goes from one datum (zero point) to the next. If no log has touches, nothing changes.
 ///
 /// # Errors
-/// The Cz that acted at a touch cannot be determined. The message names the option that specifies it.
+/// The Cz that was active during a touch cannot be determined. The message names the option that specifies it.
 pub(crate) fn merge(
     profile: &Profile,
     dataset: &mut Dataset,
@@ -100,16 +101,17 @@ pub(crate) fn merge(
     Ok(())
 }
 
-/// Log columns from which the error without Cz is calculated.
+/// Log columns from which the error without Cz is calculated: the measured error minus the active Cz.
 struct Source {
     measured: usize,
     acting: Option<usize>,
-    /// Column with the Cz that acted, for rows in which the column `acting` is empty; `None` if no Cz acted.
+    /// Index of the column with the Cz that is used in rows in which the column `acting` is empty; `None` if no Cz was
+    /// active in these rows.
     cz: Option<usize>,
 }
 
 impl Source {
-    /// Returns the error of each row without Cz, µm; NaN without a touch, or if the Cz that acted is not known.
+    /// Returns for each row the error without Cz, µm. NaN in rows without a touch, or if the active Cz is not known.
     fn errors(&self, run: &Run) -> Series {
         let acting = |row: usize| {
             let own = self.acting.map(|column| run.values[column].at(row)).filter(|cz| cz.is_finite());
@@ -119,8 +121,8 @@ impl Source {
     }
 }
 
-/// Returns the column with the Cz that acted at touches for which the log contains no Cz of its own; `None` if no Cz
-/// acted.
+/// Returns the column that gives the active Cz for touches without a value in the column `acting`; `None` if no Cz was
+/// active.
 fn source_of_cz(
     dataset: &Dataset,
     is_touched: &[bool],
@@ -150,15 +152,16 @@ fn source_of_cz(
         Some((run, _)) => {
             let cz = &dataset.columns[cz].name;
             Err(BadLog(vec![format!(
-                "{}: some touches have no {acting}, and {cz} changed. Whether {measured} contains this Cz is not \
-                 known. Fill {acting}, or add --cz {cz} or --cz none",
+                "{}: some touches have no value of {acting}, and {cz} changed. It is not known whether \
+                 {measured} contains this Cz. Fill the column {acting}, or add --cz {cz} if it does, \
+                 otherwise --cz none",
                 run.name
             )]))
         }
     }
 }
 
-/// Adds a column for the error, without values. Returns its index.
+/// Adds a column for the error, in which all values are missing. Returns its index.
 fn add(dataset: &mut Dataset, error: &str) -> usize {
     dataset.columns.push(Column { name: error.to_owned(), kind: Kind::Displacement });
     for run in &mut dataset.runs {
@@ -167,7 +170,7 @@ fn add(dataset: &mut Dataset, error: &str) -> usize {
     dataset.columns.len() - 1
 }
 
-/// Moves a column to the unused columns, if the dataset has this column.
+/// Moves a column to the list of unused columns. Does nothing if the dataset does not have this column.
 fn remove(dataset: &mut Dataset, name: &str) {
     let Some(place) = dataset.column(name) else { return };
     let column = dataset.columns.remove(place);
@@ -185,8 +188,8 @@ impl<'a> Datums<'a> {
         Datums { axis, on: column(profile.machine.on), zero: column(profile.machine.zero), uses_zeros }
     }
 
-    /// Returns the rows at which a datum (zero point) begins, with that datum, ascending. A row at which the machine is
-    /// switched off has `None` instead of a datum.
+    /// Returns the rows that divide a record, in ascending order. Each is either the row of a datum (zero point), with
+    /// this datum, or the row in which the machine is switched off, with `None`.
     fn rows(&self, record: &Run) -> Vec<(usize, Option<Datum>)> {
         let mut rows: Vec<(usize, Option<Datum>)> = Vec::new();
         if let Some(on) = self.on {
@@ -204,8 +207,8 @@ impl<'a> Datums<'a> {
         rows
     }
 
-    /// Returns the datum (zero point) for the rows before the first datum in a record; `None` if the machine is off in
-    /// these rows.
+    /// Returns the datum (zero point) that applies to the first rows of a record, before any other datum; `None` if the
+    /// machine is off in these rows.
     fn first(&self, record: &Run) -> Option<Datum> {
         let level = self.on.and_then(|on| record.values[on].iter().find(|level| level.is_finite()));
         match level {
@@ -216,7 +219,8 @@ impl<'a> Datums<'a> {
     }
 }
 
-/// Returns the rows in which a signal changes to on (`to` is `true`) or to off. Missing values are skipped.
+/// Returns the rows in which a signal changes to on (if `to` is `true`) or to off (if `to` is `false`). Missing values
+/// are skipped.
 fn edges(levels: &Series, to: bool) -> impl Iterator<Item = usize> + '_ {
     let mut was_on = None;
     let is_edge = move |(_, level): &(usize, f64)| {
@@ -226,14 +230,15 @@ fn edges(levels: &Series, to: bool) -> impl Iterator<Item = usize> + '_ {
     levels.iter().enumerate().filter(|(_, level)| level.is_finite()).filter(is_edge).map(|(row, _)| row)
 }
 
-/// Joined files of one gateway, or one file of another source.
+/// Joined log files of one gateway, or a single file of another source.
 struct Record {
     run: Run,
-    /// First row, run name and file of each joined run.
+    /// First row of each joined run in the record, with the name and the file of the run.
     sources: Vec<(usize, String, PathBuf)>,
 }
 
-/// Joins the runs of touches to records, and replaces each record by its runs from datum to datum.
+/// Joins the runs with touches to records, and replaces each record by new runs, each from one datum (zero point) to
+/// the next.
 fn divide(dataset: &mut Dataset, is_touched: &[bool], datums: &Datums<'_>, error: usize) {
     let mut runs: Vec<Run> = Vec::new();
     let mut names: HashMap<String, usize> = HashMap::new();
@@ -268,12 +273,13 @@ fn divide(dataset: &mut Dataset, is_touched: &[bool], datums: &Datums<'_>, error
     if left_out > 0 {
         let parts = counted(left_out, "part");
         dataset.remarks.push(format!(
-            "{parts} of the logs not used: no touch between two datums (zero points), or shorter than 20 min"
+            "{parts} of the logs not used: without a touch between two datums (zero points), or shorter than \
+             20 min"
         ));
     }
 }
 
-/// Returns the rows and the datum (zero point) of each part of a record.
+/// Returns the parts of a record: the rows and the datum (zero point) of each part.
 fn parts(record: &Run, datums: &Datums<'_>) -> Vec<(Range<usize>, Datum)> {
     let rows = record.times.len();
     let begins: Vec<(usize, Option<Datum>)> =
@@ -288,8 +294,8 @@ fn parts(record: &Run, datums: &Datums<'_>) -> Vec<(Range<usize>, Datum)> {
     parts
 }
 
-/// Divides rows with one datum (zero point) at midnight. In the later parts, the error is counted from the first touch.
-/// The ends of the parts do not depend on which files are read together.
+/// Divides the rows of one datum (zero point) at midnight, if they are too long for one run. In each later part, the
+/// error is counted from the first touch. The parts do not depend on which files are read together.
 fn not_too_long(record: &Run, mut rows: Range<usize>, datum: Datum) -> Vec<(Range<usize>, Datum)> {
     let (mut parts, mut datum) = (Vec::new(), datum);
     while !rows.is_empty() {
@@ -314,7 +320,7 @@ impl Record {
         Record { sources: vec![(0, run.name.clone(), run.file.clone())], run }
     }
 
-    /// Returns whether the given run continues this record.
+    /// Returns whether the given run continues this record without a long pause.
     fn is_before(&self, run: &Run) -> bool {
         let ends = self.run.times.last().zip(run.times.first());
         let follows = |last: Moment, first: Moment| first > last && first.since(last) <= LONGEST_PAUSE;
@@ -330,8 +336,8 @@ impl Record {
         self.run.origin.zeros.extend(zeros);
     }
 
-    /// Returns the run of these rows, which begin at a datum (zero point); `None` if the run has too few touches or is
-    /// too short.
+    /// Creates a run from these rows, which begin at a datum (zero point). `None` if the run would have too few
+    /// touches, or would be too short.
     fn part(
         &self,
         rows: Range<usize>,

@@ -1,18 +1,18 @@
-//! Standard errors of gains.
+//! Standard errors of the gains of a model: how uncertain each gain is.
 //!
 //! Minute rows are not independent: the residuals of neighbouring minutes are similar, and an error of a reference
-//! value affects a whole run. Therefore only runs count as samples. The covariance is clustered by run with the
-//! small-sample correction CR2. Student's factor has the degrees of freedom of Bell and McCaffrey (2002), which
-//! describe how many runs determine this gain.
+//! value affects a whole run. Therefore only whole runs count as samples. The covariance is clustered by run with the
+//! small-sample correction CR2. Student's factor has the degrees of freedom of Bell and McCaffrey (2002), which state
+//! how many runs determine a gain.
 //!
-//! If a method shrinks or selects gains, the formula of least squares does not apply. The error is then the spread of
-//! the gains between the fits that left out one run (jackknife). Student's factor is that for this number of runs. With
-//! fewer than three such fits, no error is stated.
+//! If a method shrinks or selects gains, the formula of least squares does not apply. The standard error is then the
+//! spread of the gains between fits that each leave out one run (jackknife). Student's factor is that for the number of
+//! runs. With fewer than three such fits, no standard error is calculated.
 //!
 //! In simulations, 95 to 98 % of the gains are within 1.96 of these standard errors. The simulations had 500 to 1500
-//! campaigns of two, three, four and eight runs, with disturbances of half an hour to four hours. If samples were
-//! counted by the correlation time of the residuals, only 84 % would be within 1.96 standard errors with two runs. The
-//! reason is that the residuals of a fit have a shorter correlation time than the disturbances.
+//! campaigns of two, three, four and eight runs, with disturbances of half an hour to four hours. A simpler method
+//! counts samples by the correlation time of the residuals. With two runs, only 84 % of the gains would then be within
+//! 1.96 standard errors, because the residuals of a fit have a shorter correlation time than the disturbances.
 
 use nalgebra::{DMatrix, DVector, SymmetricEigen};
 use statrs::distribution::{ContinuousCDF, StudentsT};
@@ -43,7 +43,7 @@ pub(super) fn standard_errors(
 }
 
 /// Returns the standard errors by jackknife (spread of fits that each leave out one run); `None` with fewer than three
-/// fits. If a time constant was fitted, it differs between fits. Such a term is identified by its sensor.
+/// fits. A fitted time constant differs between the fits, so the term with such a time constant is found by its sensor.
 fn jackknife(bank: &Bank, gains: &[(Candidate, f64)], left_out: &[&Learned]) -> Option<Vec<f64>> {
     let sums: Vec<&[(Candidate, f64)]> = left_out.iter().filter_map(|learned| learned.sum()).collect();
     if sums.len() < 3 {
@@ -91,8 +91,8 @@ fn by_runs(bank: &Bank, gains: &[(Candidate, f64)]) -> Option<Vec<f64>> {
     Some((0..columns.len()).map(error).collect())
 }
 
-/// Returns (X'X)⁻¹ with the residuals of one run multiplied by (1 − H)^(−1/2), where H is the run's part of the
-/// projection.
+/// Returns (X'X)⁻¹ for the residuals of one run, which are multiplied by (1 − H)^(−1/2). H is the part of the
+/// projection matrix that belongs to the run.
 fn widened(square: &DMatrix<f64>, root: &DMatrix<f64>) -> DMatrix<f64> {
     // A run that alone determines a gain has no residual; its leverage cannot be corrected.
     const LEAST: f64 = 1e-6;
@@ -102,7 +102,8 @@ fn widened(square: &DMatrix<f64>, root: &DMatrix<f64>) -> DMatrix<f64> {
     &turned * DMatrix::from_diagonal(&good) * turned.transpose()
 }
 
-/// Returns the degrees of freedom of the error of this gain for independent rows: 1 to the number of runs.
+/// Returns the degrees of freedom of the standard error of one gain, under the assumption of independent rows. The
+/// result is between 1 and the number of runs.
 fn free(place: usize, grams: &[Gram], widened: &[DMatrix<f64>], inverse: &DMatrix<f64>) -> f64 {
     let pulls: Vec<DVector<f64>> =
         grams.iter().zip(widened).map(|(gram, widened)| &gram.square * widened.column(place)).collect();
@@ -115,8 +116,8 @@ fn free(place: usize, grams: &[Gram], widened: &[DMatrix<f64>], inverse: &DMatri
     if power > 0.0 { (trace * trace / power).max(1.0) } else { 1.0 }
 }
 
-/// Returns a factor of the standard error by Student's distribution. With it, two standard errors contain the true
-/// value in 95 % of cases, also with few samples.
+/// Returns a factor for the standard error from Student's distribution with `free` degrees of freedom. With this
+/// factor, two standard errors contain the true value in 95 % of cases, even if there are few samples.
 fn for_few(free: f64) -> f64 {
     const NORMAL: f64 = 1.959_963_985;
     StudentsT::new(0.0, 1.0, free).map_or(1.0, |law| law.inverse_cdf(0.975) / NORMAL)

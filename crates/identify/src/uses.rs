@@ -1,4 +1,4 @@
-//! Columns of a log that each command uses, by name. The other columns are not read.
+//! Selects by name the log columns that each command uses. All other columns are not read completely.
 
 use crate::ambient::is_named_for_the_air;
 use crate::applied::Applied;
@@ -7,8 +7,8 @@ use crate::drift::is_feed;
 use crate::setup::{Choice, units};
 use isotherm_profile::Profile;
 
-/// Selects the log columns that `isotherm identify` reads: the signals of the profile, the error, its active Cz, touches
-/// of a probe, and columns that describe the use of the machine.
+/// Selects the log columns that `isotherm identify` reads: the signals of the profile, the error, the Cz (compensation
+/// value) that was active, touches of a probe, and columns about the machine.
 pub fn of_identify<'a>(
     profile: &'a Profile,
     choice: &'a Choice,
@@ -25,8 +25,8 @@ pub fn of_identify<'a>(
     }
 }
 
-/// Selects the log columns that `isotherm select` reads: the points, the error, its active Cz, and speeds. Without
-/// `choice.inputs`, every column that may be a temperature is a point.
+/// Selects the log columns that `isotherm select` reads: the measuring points, the error, the Cz (compensation value)
+/// that was active, and speeds. Without `choice.inputs`, every column that may be a temperature is a point.
 pub fn of_select<'a>(choice: &'a Choice, applied: &'a Applied) -> impl Fn(&str) -> bool + 'a {
     move |name| {
         let is_named = |names: &[String]| names.iter().any(|known| known == name);
@@ -44,7 +44,7 @@ pub fn of_select<'a>(choice: &'a Choice, applied: &'a Applied) -> impl Fn(&str) 
 }
 
 /// Selects the log columns that `isotherm report` reads: displacements, temperatures, and columns that show a rotation
-/// or movement. Loads, pressures and switches are left out.
+/// or movement. Columns of loads, pressures and switches are not read.
 pub fn of_report<'a>(
     displacements: &'a [String],
     applied: &'a Applied,

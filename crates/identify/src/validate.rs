@@ -1,4 +1,6 @@
-//! Validation on held-out runs. Single rows are never held out, because neighbouring minutes depend on each other.
+//! Validation on held-out runs: a model is identified from all other runs, and tested on the held-out run. Only whole
+//! runs are held out, because neighbouring minutes of a run depend on each other. Cz is the compensation value of the
+//! axis.
 
 use std::sync::atomic::{AtomicUsize, Ordering};
 
@@ -11,7 +13,8 @@ use crate::learn::{Learned, Learner};
 use crate::method::Settings;
 use crate::statistics::{count, percentile_95, range, rms};
 
-/// Callback for the progress of the validation: number of runs that have been held out, and number of all runs.
+/// Callback for the progress of the validation. The arguments are the number of runs that have been held out so far,
+/// and the number of all runs.
 pub(crate) type Progress<'a> = &'a (dyn Fn(usize, usize) + Sync);
 
 /// Result of a model on a run that was held out of its identification.
@@ -19,9 +22,9 @@ pub(crate) type Progress<'a> = &'a (dyn Fn(usize, usize) + Sync);
 pub struct RunScore {
     /// Name of the run.
     pub name: String,
-    /// Largest minus smallest residual, µm.
+    /// Range of the residual error (maximum minus minimum), µm.
     pub range_um: f64,
-    /// Root mean square residual, µm.
+    /// Root mean square of the residual error, µm.
     pub rmse_um: f64,
     /// Absolute residual error that 95 % of the log rows do not exceed, µm.
     pub p95_um: f64,
@@ -32,16 +35,16 @@ pub struct RunScore {
     /// Reduction of the range of the error in percent. It is negative if the range grew. `None` if the range without
     /// compensation is zero.
     pub range_cut_percent: Option<f64>,
-    /// Share of the log rows whose residual is within the expected error; `None` if that error is not known.
+    /// Shares of the log rows whose residual is within the expected error; `None` if the expected error is not known.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub expected_um: Option<Inside>,
     /// Number of touches if the run was measured by touches of a probe; `None` if it was measured row by row. A range
-    /// over touches is too small, see [`OVER_TOUCHES`].
+    /// over touches is smaller than a range over all rows, see [`OVER_TOUCHES`].
     #[serde(skip_serializing_if = "Option::is_none")]
     pub touches: Option<usize>,
 }
 
-/// Factor by which the range over all rows is usually larger than the range over eight touches.
+/// Usual ratio of the range over all rows to the range over eight touches.
 pub const OVER_TOUCHES: f64 = 1.3;
 
 impl RunScore {
@@ -62,14 +65,15 @@ impl RunScore {
         }
     }
 
-    /// Returns the score of a run that was measured by this number of touches; `None` if it was measured row by row.
+    /// Returns the score with the number of touches by which the run was measured. `touches` is `None` if the run was
+    /// measured row by row.
     #[must_use]
     pub(super) fn over(self, touches: Option<usize>) -> RunScore {
         RunScore { touches, ..self }
     }
 
-    /// Returns the mark of a range over touches, for reports: ` (× 1.3)`. The mark is empty if the run was measured row
-    /// by row.
+    /// Returns the mark ` (× 1.3)` if the range was measured by touches, for reports. The mark is empty if the run was
+    /// measured row by row.
     pub fn mark(&self) -> String {
         self.touches.map_or_else(String::new, |_| format!(" (× {OVER_TOUCHES})"))
     }
@@ -83,24 +87,24 @@ impl RunScore {
 /// Means of the results over all runs; NaN without runs.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Means {
-    /// Mean of the ranges of the runs, µm.
+    /// Mean of the error ranges of the runs, µm.
     pub mean_range_um: f64,
-    /// Largest range of the residual error in a run, µm.
+    /// Largest error range of a run, µm.
     pub worst_range_um: f64,
-    /// Mean of the root mean squares, µm.
+    /// Mean of the root mean square errors of the runs, µm.
     pub mean_rmse_um: f64,
     /// Share of the runs in which the range of the residual error is larger than without compensation.
     pub worse_share: f64,
 }
 
 impl Means {
-    /// Returns the means of the held-out residuals.
+    /// Returns the means of the residual errors of these runs.
     pub(super) fn of<'a>(runs: impl IntoIterator<Item = &'a RunScore>) -> Means {
         Means::over(runs.into_iter().map(|run| (run.range_um, run.rmse_um, run.is_worse())))
     }
 
-    /// Returns the means of the residuals without the effect of the simulated probe. Stand-ins are also tested without
-    /// a probe.
+    /// Returns the means of the residual errors without the corrections of the simulated probe. They are compared with
+    /// the results of stand-ins, which are also tested without a probe.
     pub(super) fn unprobed(held_out: &[HeldOut]) -> Means {
         Means::over(held_out.iter().map(|held| {
             let left = held.residual(None);
@@ -109,13 +113,13 @@ impl Means {
         }))
     }
 
-    /// Returns the means of the errors without compensation.
+    /// Returns the means of the errors without compensation of these runs.
     pub(super) fn uncompensated(runs: &[RunScore]) -> Means {
         Means::over(runs.iter().map(|run| (run.uncompensated_range_um, run.uncompensated_rmse_um, false)))
     }
 
-    /// Returns the means over runs. Each item contains the range, the root mean square, and whether the run is worse
-    /// than without compensation.
+    /// Returns the means over several runs. Each item of `scores` contains the range, the root mean square, and whether
+    /// the run is worse than without compensation.
     fn over(scores: impl Iterator<Item = (f64, f64, bool)>) -> Means {
         let scores: Vec<(f64, f64, bool)> = scores.collect();
         // Without runs, the means are NaN.
@@ -129,10 +133,10 @@ impl Means {
     }
 }
 
-/// Run that was held out of the identification, with its error and the Cz of the model in each row.
+/// Run that was held out of the identification. For each row, it contains the measured error and the Cz of the model.
 #[derive(Clone, Debug)]
 pub struct HeldOut {
-    /// Score of the run.
+    /// Score of the run: range and root mean square of its errors.
     pub score: RunScore,
     /// Number of the averaging window of each row.
     pub(crate) windows: Vec<u128>,
@@ -152,8 +156,8 @@ impl HeldOut {
         self.score.touches.is_some()
     }
 
-    /// Returns the residual error in each log row: e + Cz. `probe` is the interval of a simulated probe, s. With it,
-    /// the residual at the last probing is subtracted.
+    /// Returns the residual error in each log row: e + Cz. `probe` is the interval of a simulated probe, s. If there is
+    /// one, the residual at the last probing is subtracted.
     pub fn residual(&self, probe: Option<f64>) -> Vec<f64> {
         residual(&self.seconds, &self.error, &self.cz, probe)
     }
@@ -175,8 +179,8 @@ fn residual(seconds: &[f64], error: &[f64], cz: &[f64], probe: Option<f64>) -> V
     left.zip(seconds).map(&mut since_probing).collect()
 }
 
-/// Calls `held` with each run and the list of all other runs, in parallel. Returns the results in the order of the
-/// runs.
+/// For each run, calls `held` with the run and the list of all other runs. The calls run in parallel; the results are
+/// in the order of the runs.
 pub(super) fn hold_out_each<T: Send>(
     runs: usize,
     progress: Progress<'_>,
@@ -192,12 +196,12 @@ pub(super) fn hold_out_each<T: Send>(
     each.collect()
 }
 
-/// Identifies a model for each run from all the others, and tests it on that run. With `probe`, a simulated probe
-/// measures and removes the residual at this interval, in seconds. If the repair of another run used data of the
-/// held-out run, the learner is prepared again without these data. `settings` are those of the learner.
+/// Identifies a model for each run from all the others, and tests it on that run. If `probe` is set, a simulated probe
+/// measures and removes the residual at this interval, in s. If the repair of a faulty sensor used data of the held-out
+/// run, the learner is prepared again without these data. `settings` contains the settings of the learner.
 ///
-/// Returns for each list of omitted inputs the result of every run. If the method requires an omitted input, the result
-/// for this list is an error message.
+/// Returns for each list of inputs in `without` the results of all runs with models without these inputs. If the method
+/// requires one of these inputs, the result for this list is an error message.
 pub(super) fn leave_one_run_out(
     campaign: &Campaign<'_>,
     learner: &dyn Learner,

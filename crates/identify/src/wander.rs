@@ -1,4 +1,5 @@
-//! Random drift of the residual error of a model: q in µm²/h. The gateway uses q to weigh the touches of a probe.
+//! Random drift of the residual error of a model: growth q of its variance in µm²/h. With q, the gateway calculates the
+//! weight of a touch of the probe.
 //!
 //! The residual of each held-out run is sampled every 15 minutes, and is zero at the start of the run. The residual is
 //! modelled as a random walk with variance q per hour, measured with noise of variance r. q and r maximize the
@@ -8,7 +9,7 @@
 //! P += q·Δt      F = P + r      d = e − m      K = P / F      m += K·d      P *= 1 − K      Σ −½ (ln F + d²/F) → max
 //! ```
 //!
-//! The noise variance r is not used afterwards, because a touch of the probe has different noise.
+//! Only q is returned. The noise variance r is not used, because a touch of the probe has different noise.
 
 use crate::statistics::count;
 use crate::validate::HeldOut;
@@ -33,7 +34,7 @@ pub(crate) fn wander(held_out: &[HeldOut]) -> Option<f64> {
     Some(walk.exp()).filter(|walk| walk.is_finite())
 }
 
-/// Returns samples of the residual: time in h, and residual in µm.
+/// Returns samples of the residual of a run: time in h, and residual in µm.
 fn sampled(held: &HeldOut) -> Vec<(f64, f64)> {
     let left = held.residual(None);
     let mut next = f64::NEG_INFINITY;
@@ -47,7 +48,7 @@ fn sampled(held: &HeldOut) -> Vec<(f64, f64)> {
     taken
 }
 
-/// Returns −2 ln of the likelihood of a run, without its constant part. `walk` is q, and `noise` is r.
+/// Returns −2·ln of the likelihood of a run, without a constant summand. `walk` is q, and `noise` is r.
 fn surprise(run: &[(f64, f64)], walk: f64, noise: f64) -> f64 {
     let (mut level, mut variance, mut sum) = (0.0, 0.0, 0.0);
     let mut last = run.first().map_or(0.0, |row| row.0);
@@ -64,7 +65,8 @@ fn surprise(run: &[(f64, f64)], walk: f64, noise: f64) -> f64 {
     sum
 }
 
-/// Returns the position of the minimum of a function of two numbers, by the simplex method of Nelder and Mead (1965).
+/// Returns the arguments at which a function of two numbers is smallest, by the simplex method of Nelder and Mead
+/// (1965).
 fn least(start: [f64; 2], cost: impl Fn([f64; 2]) -> f64) -> [f64; 2] {
     const ROUNDS: usize = 200;
     const NEAR: f64 = 1e-7;

@@ -1,26 +1,26 @@
-//! Whitening of rows. The residual of a model in a run is a slow random walk, and neighbouring minutes are nearly
-//! equal.
+//! Whitening of log rows: removes the slow random drift from the rows of a run. The residual of a model in a run is a
+//! slow random walk, so its values in neighbouring minutes are nearly equal.
 //!
-//! Least squares on plain minute rows would fit the level of this random walk in each run. Therefore each column and
-//! the target are replaced by the innovations of a scalar Kalman filter (local level model). This is generalised least
-//! squares for such a walk:
+//! Least squares on plain minute rows would fit the level of this random walk in each run. Therefore a scalar Kalman
+//! filter (local level model) replaces the values z of each column and of the target by their innovations z'. Least
+//! squares on the innovations is the correct fit for such a walk (generalised least squares):
 //!
 //! ```text
 //! P += q·Δt      F = P + r      z' = (z − m) / √F      K = P / F      m += K·(z − m)      P *= 1 − K
 //! ```
 //!
-//! with m = P = 0 at the first row, variance q = 1 of the walk per hour, and variance r = 1 of a minute row. P, F and K
-//! do not depend on the data. A gap in the rows only increases P.
+//! At the first row, m = P = 0. Per hour, the variance of the walk grows by q = 1, and the variance of a minute row is
+//! r = 1. P, F and K depend only on the times of the rows. After a gap, P is larger.
 
 use nalgebra::{DMatrix, DVector};
 
 use crate::gram::Gram;
 
-/// Variance that the random walk of the residual gains per hour, relative to the variance of a minute row.
+/// Growth per hour of the variance of the random walk of the residual, as a ratio to the variance of a minute row.
 const WALK_PER_HOUR: f64 = 1.0;
 
-/// Returns for each log row the Kalman gain K, and the standard deviation √F by which the innovation of the row is
-/// divided.
+/// Returns for each log row two numbers of the Kalman filter: the gain K, and the standard deviation √F by which the
+/// innovation of the row is divided.
 fn steps(seconds: &[f64]) -> Vec<(f64, f64)> {
     let mut variance = 0.0;
     let mut last = seconds.first().copied().unwrap_or_default();

@@ -1,4 +1,5 @@
-//! Output of an identification: an `[[axis.z.model]]` table for a profile (block), and its files.
+//! Output of an identification: the model as TOML text for a profile (an `[[axis.z.model]]` table), and the files that
+//! this text names.
 
 use std::time::Duration;
 
@@ -18,14 +19,14 @@ use isotherm_profile::sha256;
 /// Model as TOML text for a profile, with its files.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Written {
-    /// TOML text: an `[[axis.….model]]` table for the model and for each fallback, with comments.
+    /// TOML text with comments: an `[[axis.….model]]` table for the model, and one table for each fallback model.
     pub block: String,
-    /// Names and contents of the files that `block` names. Save these files next to the profile.
+    /// Name and content of each file that `block` names. The files must be saved next to the profile.
     pub files: Vec<(String, String)>,
 }
 
-/// Returns a model as TOML text with its files. The files are called `<stem>.envelope.json`, `<stem>.halves.json`,
-/// `<stem>.stand-ins.json` and `<stem>.network.json`.
+/// Returns a model as TOML text with its files. `stem` is the begin of the file names. The files are called
+/// `<stem>.envelope.json`, `<stem>.halves.json`, `<stem>.stand-ins.json` and `<stem>.network.json`.
 pub fn written(found: &Identified, stem: &str, outside: Outside) -> Written {
     let (position, mut files) = (found.position.as_ref(), Vec::new());
     let mut block = head(found).iter().map(|line| format!("# {line}\n")).collect::<String>();
@@ -87,7 +88,8 @@ pub fn written(found: &Identified, stem: &str, outside: Outside) -> Written {
     Written { block, files }
 }
 
-/// Returns the additional keys of the first model: its two halves, its expected error, and its stand-ins.
+/// Returns the additional keys of the model, without those of fallback models: its two halves (if it is a mean of two
+/// models), its expected error, and its stand-ins.
 fn beside(found: &Identified, stem: &str, files: &mut Vec<(String, String)>) -> String {
     let mut keys = String::new();
     let mut file = |key: &str, word: &str, content: Value| {
@@ -111,7 +113,7 @@ fn beside(found: &Identified, stem: &str, files: &mut Vec<(String, String)>) -> 
     keys + &expected(found.expected.as_ref()) + &missing.unwrap_or_default()
 }
 
-/// Returns the keys that name a file and give its hash. Adds the file to `files`.
+/// Returns the TOML keys with the name and the hash of a file. Adds the file to `files`.
 fn named(key: &str, name: String, content: &Value, files: &mut Vec<(String, String)>) -> String {
     let content = format!("{content:#}\n");
     let keys = format!("{key} = {}\nsha256.{key} = \"{}\"\n", json!(name), sha256(content.as_bytes()));
@@ -133,21 +135,23 @@ fn settle(seconds: f64) -> humantime::FormattedDuration {
     format_duration(Duration::try_from_secs_f64(seconds).unwrap_or_default())
 }
 
-/// Returns the key of a model with the settling time that was used for its identification. The command `isotherm check`
-/// compares this time with the profile.
+/// Returns the TOML key with the settling time with which the model was identified. `isotherm check` compares this time
+/// with the setting in the profile.
 pub(crate) fn identified_with(settle_s: f64) -> String {
     format!("identified_with = {{ settle = \"{}\" }}", settle(settle_s))
 }
 
-/// Returns a message on `isotherm zero`: rises that are counted from machine start do not change with a zero.
+/// Returns a message that `isotherm zero` does not fit this model: rises that are counted from machine start do not
+/// change with a zero command.
 pub(crate) fn zero_needs(axis: &str) -> String {
     format!(
-        "The rises of this model count from the start of the machine. `isotherm zero` needs datum = \"zero\" \
+        "The rises of this model are counted from machine start. If you use `isotherm zero`, write datum = \"zero\" \
          under [axis.{axis}]."
     )
 }
 
-/// Returns the lines of the comment above the TOML text: facts that the operator must know about the model.
+/// Returns the comment lines above the TOML text of the model. They contain the facts that the operator must know about
+/// it.
 fn head(found: &Identified) -> Vec<String> {
     let (means, before) = (&found.means, &found.uncompensated);
     let settle = settle(found.settle_s);
@@ -159,8 +163,8 @@ fn head(found: &Identified) -> Vec<String> {
         match found.runs.is_empty() {
             true => "One run: no run could be held out, so it is not known how good the model is.".to_owned(),
             false => format!(
-                "Each of {} runs held out in turn: mean range {:.1} µm ({:.1} µm uncompensated), worst run {:.1} µm ({:.1} µm), mean RMS \
-             {:.1} µm ({:.1} µm).",
+                "Each of {} runs held out in turn: mean range {:.1} µm ({:.1} µm uncompensated), worst run \
+                 {:.1} µm ({:.1} µm), mean RMS {:.1} µm ({:.1} µm).",
                 found.runs.len(),
                 means.mean_range_um,
                 before.mean_range_um,
@@ -189,8 +193,8 @@ fn head(found: &Identified) -> Vec<String> {
     let touched = found.runs.iter().filter(|run| run.touches.is_some()).count();
     if touched > 0 {
         lines.push(format!(
-            "{touched} of these runs were measured by touches of a probe. Over all rows, their ranges are about \
-             {OVER_TOUCHES} times as large."
+            "{touched} of these runs were measured by touches of a probe. A measurement in every row would \
+             give ranges that are about {OVER_TOUCHES} times as large."
         ));
     }
     lines.extend(found.probe_q.map(|q| {
@@ -209,7 +213,7 @@ fn head(found: &Identified) -> Vec<String> {
     lines
 }
 
-/// Returns the keys `kind`, `terms` and `slope`. Gains are written with all digits, so that the gateway runs exactly
+/// Returns the keys `kind`, `terms` and `slope`. Gains are written with all digits, so that the gateway uses exactly
 /// the model that was validated.
 pub(crate) fn sum(terms: &[TermFound], position: Option<&(String, f64)>) -> String {
     let list = |of_slope: bool| -> String {
@@ -250,7 +254,7 @@ fn short(value: f64) -> String {
     format!("{value:.decimals$}")
 }
 
-/// Returns the inputs as TOML, in the order of the network, one line for each sensor.
+/// Returns the inputs of a network as TOML text, in the order of the network, with one line for each sensor.
 fn network_inputs(file: &Value, inputs: &[Candidate]) -> String {
     let names = file["inputs"]["names"].as_array().map(Vec::as_slice).unwrap_or_default();
     let named: Vec<(&Value, &Candidate)> = names.iter().zip(inputs).collect();

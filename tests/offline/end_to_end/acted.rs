@@ -47,7 +47,7 @@ fn a_log_written_while_compensating_gives_the_model_of_the_bare_machine() {
     let near = |found: &[f64]| bare.iter().zip(found).all(|(one, other)| (one - other).abs() < 1e-6);
     let while_active = reported(&profile, &of(&|number| compensated(number, false)), &[]);
     assert!(near(&gains(&while_active)), "{bare:?} {while_active}");
-    assert!(while_active.contains("It was removed"), "{while_active}");
+    assert!(while_active.contains("The Cz was removed"), "{while_active}");
     // In a dry run, the decisions were never active.
     let dry = reported(&profile, &of(&|number| compensated(number, true)), &[]);
     assert!(near(&gains(&dry)) && !dry.contains("removed"), "{dry}");
@@ -67,7 +67,7 @@ fn a_log_written_while_compensating_gives_the_model_of_the_bare_machine() {
             refused.said
         );
         let named = reported(profile, logs, &["--cz", "z_cz_um"]);
-        assert!(gains(&named).len() == bare.len() && named.contains("It was removed"), "{named}");
+        assert!(gains(&named).len() == bare.len() && named.contains("The Cz was removed"), "{named}");
     }
     let refused = asked(home.path(), &["select", "--error", "z_error_um"], &logged, &[]);
     assert!(refused.code == Some(1) && refused.said.contains("--cz z_cz_um"), "{}", refused.said);

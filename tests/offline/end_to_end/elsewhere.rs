@@ -168,7 +168,7 @@ fn what_is_wrong_in_a_spreadsheet_is_named_with_its_own_line() {
     let summer = said("05.01.2026 07:38", "29.03.2026 02:38");
     assert!(summer.contains("Europe/Berlin has no 2026-03-29T02:38:00"), "{summer}");
     let cell = said(";", ";;");
-    assert!(cell.contains("day.csv, line 100: 7 cells under 6 column names"), "{cell}");
+    assert!(cell.contains("day.csv, line 100: this row has 7 cells, but there are 6 column names"), "{cell}");
 }
 
 #[test]
@@ -218,7 +218,7 @@ fn readings_of_a_dial_gauge_are_put_beside_the_recorded_rows() {
     let wrong = identify(home.path(), PROFILE, &logs, &all);
     assert_eq!(wrong.code, Some(1));
     assert!(
-        wrong.said.contains("gauge.csv: no row of the logs is within 10s of a reading")
+        wrong.said.contains("gauge.csv: no log row is within 10s of a reading")
             && wrong.said.contains("--zone"),
         "{} {within}",
         wrong.said
@@ -227,7 +227,9 @@ fn readings_of_a_dial_gauge_are_put_beside_the_recorded_rows() {
     crate::end_to_end::process::file(home.path(), "gauge.csv", &late);
     let answer = identify(home.path(), PROFILE, &logs, &more("Europe/Berlin"));
     assert!(
-        answer.out.contains("1 of 91 readings have no row within 30s, the first in line 92"),
+        answer.out.contains(
+            "1 of 91 readings are left out, because no log row is within 30s. The first of them is in line 92"
+        ),
         "{}",
         answer.out
     );
@@ -250,14 +252,14 @@ fn an_error_along_the_axis_without_its_position_gets_the_method_that_looks_at_it
     let profile = format!("{PROFILE}{READOUT}");
     let answer = identify(home.path(), &profile, &of(&along), &["--method", "ols"]);
     assert_eq!(answer.code, Some(0), "{}", answer.said);
-    let says =
-        "the error was measured over 400 mm of scale, which no term uses: --method position --position scale";
+    let says = "the error was measured over 400 mm of scale, but no term of the model uses this position. \
+                Add --method position --position scale";
     assert!(answer.out.contains(says), "{}", answer.out);
     assert!(answer.out.contains("µm/°C"), "gains have the profile's unit: {}", answer.out);
     let answer =
         identify(home.path(), &profile, &of(&along), &["--method", "position", "--position", "scale"]);
     assert!(
-        !answer.out.contains("which no term uses") && answer.out.contains("µm/mm/°C"),
+        !answer.out.contains("no term of the model uses this position") && answer.out.contains("µm/mm/°C"),
         "{}{}",
         answer.said,
         answer.out

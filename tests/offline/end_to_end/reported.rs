@@ -18,7 +18,9 @@ fn a_sensor_that_hangs_in_the_hall_is_known_by_what_it_does() {
     assert_eq!(like.len(), 1, "{like:?}");
     assert_eq!(like[0]["signal"], "post");
     let reason = like[0]["reason"].as_str().unwrap();
-    for words in ["starts of spindle_rpm", "% of its variance", "°C in 20 min", "rather than the error"] {
+    for words in
+        ["starts of spindle_rpm", "% of its variance", "°C in 20 min", "its correlation with the error"]
+    {
         assert!(reason.contains(words), "{words}: {reason}");
     }
     let reported = asked(home.path(), &["select", "--error", "z_error_um"], &logs, &[]);

@@ -32,7 +32,11 @@ fn a_log_that_is_no_such_csv_is_reported_with_what_to_write() {
     let with_commas = day(1).replace('.', ",");
     all_refuse(
         &with_commas,
-        &["cells under 6 column names, also in", "more lines", "decimal commas, write points"],
+        &[
+            "cells, but there are 6 column names, also in",
+            "more lines",
+            "decimal commas, write decimal points",
+        ],
     );
     let quoted: Vec<String> = (day(1).lines())
         .map(|line| {
@@ -44,7 +48,7 @@ fn a_log_that_is_no_such_csv_is_reported_with_what_to_write() {
         .collect();
     all_refuse(&quoted.join("\n"), &["wrong.csv, line", "has a decimal comma; state --decimal comma"]);
     let back = day(1).replace("\n6000,", "\n60,");
-    all_refuse(&back, &["wrong.csv, line 102: the time goes back", "--run-column"]);
+    all_refuse(&back, &["wrong.csv, line 102: the time of this row is earlier", "--run-column"]);
     all_refuse(&day(1).replace("time,", "when,"), &["there is no column time", "time_min"]);
 }
 
@@ -267,14 +271,14 @@ fn logs_with_different_columns_are_taken_with_a_word() {
     assert_eq!(answer.code, Some(0), "{}", answer.said);
     assert!(answer.out.contains("one.csv has no column oil"), "{}", answer.out);
     assert!(
-        answer.out.contains("left out, because the profile does not have them: coolant"),
+        answer.out.contains("because the profile has no signal with this name: coolant"),
         "{}",
         answer.out
     );
     let select = asked(home.path(), &["select", "--error", "z_error_um"], &logs, &[]);
     for answer in [answer, select] {
         assert_eq!(answer.code, Some(0), "{}", answer.said);
-        let note = answer.out.lines().find(|line| line.contains("The error of held-out runs is"));
+        let note = answer.out.lines().find(|line| line.contains("The RMS error of held-out runs is"));
         assert!(
             note.is_some_and(|note| note.contains("left out: ") && note.contains("oil")),
             "{}",
@@ -303,7 +307,7 @@ fn a_drift_report_refuses_times_of_an_unclear_unit_and_remarks_what_is_unusual()
     let minutes = [("short.csv", with_column(1, 0, |second| second / 60.0))];
     let refused = asked(home.path(), &["report"], &minutes, &[]);
     assert_eq!(refused.code, Some(1), "{}", refused.out);
-    for words in ["short lasts 4m 59s", "--time-unit min", "If the times are seconds, state --time-unit s"] {
+    for words in ["short lasts 4m 59s", "--time-unit min", "If the times are in seconds, add --time-unit s"] {
         assert!(refused.said.contains(words), "{words}: {}", refused.said);
     }
     let stated = asked(home.path(), &["report"], &minutes, &["--time-unit", "min"]);

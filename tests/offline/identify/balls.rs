@@ -192,7 +192,7 @@ fn balls_that_changed_numbers_are_left_out_with_the_reason() {
     assert_eq!(terms.rounds.len(), 2);
     assert!(
         terms.remarks[0].starts_with(
-            "round 2 is left out: ball 1 is 90.000 mm from its position in the cold round along z"
+            "round 2 is left out: ball 1 is 90.000 mm away from its position in the cold round, along z"
         ),
         "{:?}",
         terms.remarks

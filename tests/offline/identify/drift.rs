@@ -90,11 +90,11 @@ fn a_test_that_is_asked_for_is_taken_and_what_does_not_fit_is_reported() {
     let spindle = log("spindle_rpm,z_um", 120, |minute| format!("3000,{minute}"));
     let etve = reported(&spindle, Some(Test::Etve));
     assert_eq!((etve.test, etve.because.as_str()), (Test::Etve, "as requested"));
-    assert_eq!(etve.remarks, ["spindle_rpm moved: these figures include the heat of this movement"]);
+    assert_eq!(etve.remarks, ["spindle_rpm moved: the heat of this movement is included in the results"]);
     let table = reported(&spindle, Some(Test::Rotary));
     assert_eq!(table.stages.len(), 1, "a table's speed is a speed too");
     let still = reported(&log("hall_c,z_um", 120, |minute| format!("20,{minute}")), Some(Test::Spindle));
-    assert_eq!(still.remarks, ["no column shows what turned or moved: the stages are not known"]);
+    assert_eq!(still.remarks, ["no column shows which spindle or axis moved: the stages are not known"]);
 }
 
 #[test]
@@ -121,7 +121,7 @@ fn a_log_without_a_displacement_is_told_what_to_do() {
     let refused = |names: &[String]| drift(&dataset, names, None, &|_| None).unwrap_err().to_string();
     let reported = refused(&[]);
     assert!(
-        reported.contains("end with _um, and")
+        reported.contains("end with `_um`, and")
             && reported.contains("--displacement. The columns are hall_c, probe"),
         "{reported}"
     );
@@ -138,7 +138,7 @@ fn times_in_hours_are_refused_unless_their_unit_is_stated() {
         format!("{time},z_um\n{rows}")
     };
     let refused = drift(&dataset(&text("time")), &[], None, &|_| None).unwrap_err().to_string();
-    for words in ["night lasts 7s (480 rows)", "--time-unit min, h, d or excel", "state --time-unit s"] {
+    for words in ["night lasts 7s (480 rows)", "--time-unit min, h, d or excel", "add --time-unit s"] {
         assert!(refused.contains(words), "{words}: {refused}");
     }
     let lasts = |drift: &Drift| drift.remarks.iter().any(|remark| remark.contains("night lasts 7s"));

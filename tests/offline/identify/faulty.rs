@@ -43,7 +43,7 @@ fn a_jump_that_stays_is_named_with_its_time() {
     assert_eq!(found.len(), 1);
     assert_eq!((found[0].signal.as_str(), found[0].run.as_str()), ("s3", "day2"));
     assert!(
-        found[0].fault.starts_with("jumps by +28.0 °C at 2:05 h and keeps this offset"),
+        found[0].fault.starts_with("jumps by +28.0 °C at 2:05 h, and the readings stay shifted"),
         "{}",
         found[0].fault
     );

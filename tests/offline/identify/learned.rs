@@ -253,7 +253,7 @@ fn a_day_on_which_another_part_was_probed_is_named_and_not_learned_from() {
     let taken = take(&mut learning, &profile, &[log(1, &other, None)], after(1));
     assert_eq!((taken[0].touches, taken[0].doubted, taken[0].judged), (Some(0), 6, None), "{taken:?}");
     let why = taken[0].skipped.as_deref().unwrap_or_default();
-    assert!(why.starts_with("its touches (6) were all left out as wrong"), "{taken:?}");
+    assert!(why.starts_with("all touches of the run (6) were rejected as wrong"), "{taken:?}");
     assert_eq!(learning.runs(), 1);
 }
 

@@ -178,7 +178,7 @@ fn what_cannot_carry_a_slope_is_reported_with_what_to_do() {
     let still = found(&days(3, 0.1, |_| -100.0, |_| 0.0), &by_position()).unwrap_err();
     assert!(still.contains("scale_z is constant"), "{still}");
     let once = found(&days(3, 0.1, |row| -(row as f64), |_| 0.0), &by_position()).unwrap_err();
-    assert!(once.contains("rarely returns to a position") && once.contains("repeatedly"), "{once}");
+    assert!(once.contains("rarely returns to an earlier position") && once.contains("repeatedly"), "{once}");
     let days = days(3, 0.1, four_places, |_| 0.0);
     let dataset = dataset(&days).unwrap();
     let nowhere = Choice { position: None, resample: Duration::from_secs(60), ..choice() };

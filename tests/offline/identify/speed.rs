@@ -106,7 +106,7 @@ fn a_speed_that_one_run_lacks_is_no_input_and_no_run_loses_its_rows() {
     assert!(found.terms.iter().all(|term| term.signal != "rpm"), "{:?}", found.terms);
     let reported = found.notes.remarks.join("; ");
     assert!(
-        reported.contains("rpm is no input, because it is missing in 100 % of the rows in day2"),
+        reported.contains("rpm is not an input, because it is missing in 100 % of the rows in day2"),
         "{reported}"
     );
 }
@@ -116,7 +116,10 @@ fn inputs_that_are_named_leave_a_speed_out_and_say_so() {
     let inputs = vec!["s0".to_owned(), "s2".to_owned()];
     let found = chosen(&logs(3), &Choice { speeds: true, inputs, ..rig::choice() }, &Settings::default());
     let reported = found.notes.remarks.join("; ");
-    assert!(reported.contains("rpm is no input, because --inputs does not name it"), "{reported}");
+    assert!(
+        reported.contains("rpm is not an input, because it is not in the list after --inputs"),
+        "{reported}"
+    );
 }
 
 #[test]

@@ -139,7 +139,7 @@ fn where_no_term_comes_to_half_a_count_that_is_told_and_no_model_is_written() {
     let found = identify(&ready, &Settings::default(), None, true, &|_, _| {}).unwrap();
     assert_eq!(found.terms, []);
     let reported = found.notes.remarks.join("; ");
-    assert!(reported.contains("Cz does not reach half a count of the register"), "{reported}");
+    assert!(reported.contains("Cz is smaller than half a count of the register"), "{reported}");
     let block = written(&found, "z", Outside::Agree);
     assert!(block.files.is_empty() && block.block.lines().all(|line| line.starts_with('#')), "{block:?}");
 }

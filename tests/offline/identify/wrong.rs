@@ -56,9 +56,9 @@ fn minutes_that_are_called_seconds_and_seconds_that_are_called_minutes_are_repor
         .iter()
         .map(|log| log.replace("time,", "time_min,").replace("\n60,", "\n2700000,"))
         .collect::<Vec<_>>();
-    says(&refused(2, &longer, &choice()), &["line 4: the time goes back"]);
+    says(&refused(2, &longer, &choice()), &["line 4: the time of this row is earlier"]);
     let seconds = each(|log| cells(log, 0, |time| time * 3.0).replace("time,", "time_min,"));
-    says(&refused(2, &seconds, &choice()), &["state it with --time-unit"]);
+    says(&refused(2, &seconds, &choice()), &["state this unit with --time-unit"]);
 }
 
 #[test]
@@ -69,7 +69,7 @@ fn an_error_that_stands_still_or_is_in_millimetres_is_reported() {
     );
     says(
         &refused(2, &each(|log| cells(log, 3, |um| um / 1000.0)), &choice()),
-        &["these are probably mm; write µm"],
+        &["the values are probably in mm; write them in µm"],
     );
 }
 

@@ -1,4 +1,5 @@
-//! Log files, signals and profiles of the two public data sets that the examples read.
+//! Log files, signals and profiles of the two public data sets that the examples read: a machining centre (mill) and a
+//! positioning machine (stage).
 
 use std::path::{Path, PathBuf};
 
@@ -12,8 +13,8 @@ fn no_model(signal: &str) -> String {
     )
 }
 
-/// Returns the log files of the mill and of the stage from the command line. If there are none, prints the usage and
-/// returns `None`.
+/// Returns the log files of the mill and of the stage from the command line. If the command line names no file, prints
+/// the usage and returns `None`.
 pub(crate) fn files(example: &str) -> Option<[Vec<PathBuf>; 2]> {
     let mut files: [Vec<PathBuf>; 2] = [Vec::new(), Vec::new()];
     let mut which = 0;
@@ -26,7 +27,8 @@ pub(crate) fn files(example: &str) -> Option<[Vec<PathBuf>; 2]> {
     }
     if files.iter().all(Vec::is_empty) {
         eprintln!(
-            "{example} --mill CYCLE.csv … --stage DAY.csv …: one or both; the head of the example held_out says what they are"
+            "{example} --mill CYCLE.csv … --stage DAY.csv …: give the files of one data set or of both. The \
+             head of the example held_out describes the data sets"
         );
         return None;
     }
@@ -48,7 +50,7 @@ pub(crate) fn machine(names: &[String]) -> Profile {
         .profile
 }
 
-/// Makes the text of a profile with these signals and one axis with this model.
+/// Makes the text of a profile with these signals and one axis with the model `model` (TOML text).
 pub(crate) fn text(names: &[String], model: &str) -> String {
     let mut text = "[machine]\nname = \"record\"\nsettle = \"3min\"\n[bus.cell]\ntype = \"modbus-tcp\"\n\
                     address = \"127.0.0.1:1502\"\ntimeout = \"300ms\"\n[device.module]\nbus = \"cell\"\nunit = 1\n\

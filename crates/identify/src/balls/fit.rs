@@ -1,4 +1,4 @@
-//! Thermal terms of one round of touches relative to the cold round, by least squares.
+//! Thermal terms of one round of touches, by least squares. They describe how the balls moved since the cold round.
 
 use nalgebra::{DMatrix, DVector};
 
@@ -6,7 +6,8 @@ use super::touches::{Touch, time};
 use super::{DIRECTIONS, RoundTerms};
 use crate::statistics::{count, range};
 
-/// Maximum drift, µm. A larger value means that a different ball was touched, or that the unit is wrong.
+/// Largest movement of a ball that can be a drift, µm. A larger value means that a different ball was touched, or that
+/// the unit of the file is wrong.
 const NO_DRIFT: f64 = 1000.0;
 /// Minimum difference of two positions or stylus lengths, mm. A smaller difference is treated as zero.
 const APART: f64 = 1.0;
@@ -62,8 +63,9 @@ pub(super) fn fit(cold: &[Touch], round: &[Touch], along: usize, origin: f64) ->
     })
 }
 
-/// Returns the movement of a touch since the cold round, relative to the mean of the touches of the same ball with the
-/// same stylus. `Ok(None)` if the cold round has no such touch; `Err` if the movement is too large for a drift.
+/// Returns how far a touch moved since the cold round. The cold coordinates are the mean of the touches of the same
+/// ball with the same stylus. `Ok(None)` if the cold round has no such touch; `Err` if the movement is too large for a
+/// drift.
 fn since_cold(cold: &[Touch], touch: &Touch, along: usize) -> Result<Option<Moved>, String> {
     let same: Vec<&Touch> = cold.iter().filter(|other| other.is_like(touch)).collect();
     if same.is_empty() {
@@ -74,8 +76,8 @@ fn since_cold(cold: &[Touch], touch: &Touch, along: usize) -> Result<Option<Move
     let by = [0, 1, 2].map(|direction| 1000.0 * (touch.at_mm[direction] - mean(direction)));
     if let Some(far) = (0..3).find(|direction| by[*direction].abs() > NO_DRIFT) {
         return Err(format!(
-            "ball {} is {:.3} mm from its position in the cold round along {}, too far for a drift. Are the balls numbered \
-             as in the first round, and the coordinates in mm?",
+            "ball {} is {:.3} mm away from its position in the cold round, along {}. This is too far for a \
+             drift. Are the balls numbered as in the first round, and are the coordinates in mm?",
             touch.ball,
             by[far] / 1000.0,
             DIRECTIONS[far]
@@ -84,7 +86,7 @@ fn since_cold(cold: &[Touch], touch: &Touch, along: usize) -> Result<Option<Move
     Ok(Some(Moved { place: mean(along), stylus: touch.stylus_mm, by }))
 }
 
-/// Returns the least-squares solution; `None` with too few rows or linearly dependent columns.
+/// Returns the least-squares solution; `None` if there are too few rows, or if columns are linearly dependent.
 fn least_squares(matrix: &DMatrix<f64>, target: &DVector<f64>) -> Option<DVector<f64>> {
     if matrix.nrows() < matrix.ncols() {
         return None;

@@ -6,7 +6,7 @@ use super::{DIRECTIONS, RoundTerms, Terms, one};
 use crate::dataset::{BadLog, Dataset};
 use isotherm_core::quantity::Moment;
 
-/// Maximum time between a round of touches and its row in the recorded log.
+/// Maximum time between a round of touches and the row of the recorded log to which its terms are added.
 const NEAR: Duration = Duration::from_mins(10);
 
 /// Writes a CSV log: `time` in seconds, the columns of `recorded`, then the terms. The terms of a round are in the row
@@ -44,15 +44,18 @@ pub fn log(terms: &Terms, recorded: Option<&Dataset>) -> Result<String, BadLog> 
 /// Row of the log: time, recorded cells, and the index of the round in this row; `None` if the row has no round.
 type Row = (Moment, Vec<f64>, Option<usize>);
 
-/// Returns the column names and the rows of a recorded log, without the columns in `names`. The row nearest in time to
-/// a round contains the index of that round.
+/// Returns the column names and the rows of a recorded log, without the columns in `names`. The row that is nearest in
+/// time to a round also contains the index of that round.
 fn beside<'a>(
     terms: &Terms,
     recorded: &'a Dataset,
     names: &[&str],
 ) -> Result<(Vec<&'a str>, Vec<Row>), BadLog> {
     let [run] = recorded.runs.as_slice() else {
-        return Err(one("--recorded must be one run: give the log that was recorded during the rounds"));
+        return Err(one(
+            "the log after --recorded must contain exactly one run: name the log that was recorded during \
+             the rounds",
+        ));
     };
     let mut at: Vec<usize> = Vec::new();
     for round in &terms.rounds {

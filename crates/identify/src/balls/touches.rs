@@ -1,4 +1,4 @@
-//! Table of ball touches, and its division into rounds.
+//! Table of ball touches, and its division into rounds. In a round, the probe touches each ball of the array.
 
 use super::DIRECTIONS;
 use crate::dataset::{BadLog, Dataset};
@@ -15,14 +15,15 @@ pub(super) struct Touch {
 }
 
 impl Touch {
-    /// Returns whether both touches have the same ball and the same stylus.
+    /// Returns whether the two touches have the same ball and the same stylus length.
     pub(super) fn is_like(&self, other: &Touch) -> bool {
         let same = |one: f64, other: f64| (one - other).abs() < 1e-6 || (one.is_nan() && other.is_nan());
         same(self.ball, other.ball) && same(self.stylus_mm, other.stylus_mm)
     }
 }
 
-/// Touches of one round. If the file of touches has no column `round`, each ball occurs only once with the same stylus.
+/// Touches of one round. If the file of touches has no column `round`, no ball occurs twice with the same stylus
+/// length.
 pub(super) type Round = Vec<Touch>;
 
 /// Returns the mean time of the touches of a round.
@@ -32,8 +33,8 @@ pub(super) fn time(round: &[Touch]) -> Moment {
     Moment::from_nanos(u64::try_from(mean).unwrap_or(u64::MAX))
 }
 
-/// Divides the table into rounds. A new round begins when the column `round` changes. Without that column, a round
-/// begins when a ball occurs again with the same stylus.
+/// Divides the table into rounds. A new round begins when the column `round` changes. Without that column, a new round
+/// begins when a ball occurs again with the same stylus length.
 pub(super) fn rounds(dataset: &Dataset) -> Result<Vec<Round>, BadLog> {
     let mut wrong = Vec::new();
     let mut needed = |name: &str, what: &str| {
@@ -57,7 +58,7 @@ pub(super) fn rounds(dataset: &Dataset) -> Result<Vec<Round>, BadLog> {
             let touch = Touch { time: *time, ball: of(ball), at_mm, stylus_mm };
             if touch.ball.is_nan() || at_mm.iter().any(|place| place.is_nan()) {
                 wrong.push(format!(
-                    "{}, touch {}: a cell is empty; leave out the whole touch, or fill it",
+                    "{}, touch {}: a cell is empty; fill this cell, or delete the whole row",
                     run.file.display(),
                     row + 1
                 ));

@@ -1,27 +1,30 @@
 //! Active Cz: the compensation value that acted on the machine while a log was recorded. A log of the gateway contains
-//! the Cz that the gateway decided in each row. A measured error contains the Cz that was active.
+//! the Cz that the gateway decided in each row, and the register value. The measured error of a row contains the active
+//! Cz, which is the register value.
 
 use super::Series;
 use super::table::{Cells, Table};
 use isotherm_profile::log_columns::{OF_AXIS, OF_MACHINE};
 
-/// Columns of an axis in a log of the gateway that are used for identification. The others are not.
+/// Ends of the names of those columns of an axis in a gateway log that identification uses. The other columns of an
+/// axis are not used.
 const USED: [&str; 4] = ["cz_um", "slope_um", "measured_um", "acting_um"];
-/// Name of the column with the state before the first row of a file, as JSON. Later rows have a value in it only after
-/// a start of the gateway.
+/// Name of the column with the gateway's state before the first row of a file, as JSON. In later rows, the cell is
+/// empty, except after a start of the gateway.
 const MEMORY: &str = "machine_memory";
-/// Name of the column with the times of the zero commands since the previous row. A time is followed by the axis of the
-/// command, if it has one. Semicolons separate several commands.
+/// Name of the column with the times of the zero commands since the previous row. If a command concerns one axis only,
+/// the name of the axis follows its time. Semicolons separate several commands.
 const ZERO: &str = "machine_zero";
 const DRY_RUN: &str = "machine_dry_run";
 
-/// Returns whether the texts in this log column are needed: for the active Cz (Cz that acted during the measurement),
-/// or for the datums (zero points) of the log.
+/// Returns whether the texts in this log column are needed to determine the active Cz, or the datums (zero points) of
+/// the log.
 pub(super) fn needs_words(column: &str) -> bool {
     column.ends_with("_permit") || is_of_machine(column)
 }
 
-/// Returns whether this log column contains the datums (zero points) of a gateway log. Its cells are never numbers.
+/// Returns whether this log column contains the state of the machine or its zero commands, from which the datums (zero
+/// points) follow. Such cells are texts, never numbers.
 pub(super) fn is_of_machine(column: &str) -> bool {
     [MEMORY, ZERO].contains(&column)
 }
@@ -33,15 +36,15 @@ pub(super) fn is_of_touches(column: &str, acted: &[String]) -> bool {
     axis.is_some_and(|axis| acted.contains(&format!("{axis}_cz_um")))
 }
 
-/// Returns whether this log column is needed to determine the active Cz (Cz that acted during the measurement).
+/// Returns whether this log column is needed to determine the active Cz.
 pub(super) fn needs(column: &str) -> bool {
     ["_permit", "_cz_um", "_slope_um", "_from_um"].iter().any(|end| column.ends_with(end))
 }
 
-/// Replaces the decided values of each axis by the active values: `<axis>_cz_um`, and `<axis>_slope_um` if the control
-/// receives the slope. Each value is the register value when the row was read. `table.acted` lists these columns. A dry
-/// run has no active values, so its columns are removed. Returns the `_permit` column of each axis without a known
-/// active value.
+/// Replaces the decided values of each axis by the active values in the columns `<axis>_cz_um` and, if the control
+/// receives the slope, `<axis>_slope_um`. The active value of a row is the register value when the row was read.
+/// `table.acted` lists these columns. In a dry run, nothing was active, so these columns are removed. Returns the names
+/// of the `_permit` columns of the axes whose active value is never known.
 pub(super) fn keep_what_acted(table: &mut Table) -> Vec<String> {
     let mut unknown = Vec::new();
     let axes: Vec<String> = (table.columns.iter())
@@ -75,7 +78,8 @@ pub(super) fn keep_what_acted(table: &mut Table) -> Vec<String> {
     unknown
 }
 
-/// Returns the first row after each zero command, with the axis of the command.
+/// Returns for each zero command the index of the first row after the command, and the axis of the command; `None` if
+/// it concerns all axes.
 fn zeros(table: &Table) -> Vec<(usize, Option<String>)> {
     let Some(Cells::Text(commands)) = table.cells(ZERO) else { return Vec::new() };
     let mut zeros = Vec::new();
@@ -86,9 +90,9 @@ fn zeros(table: &Table) -> Vec<(usize, Option<String>)> {
     zeros
 }
 
-/// Returns whether the state before the first row contains a machine start. A long state is truncated, but begins with
-/// the time of the start. If the log has no column with that state, as in an exported log, the machine may have been
-/// on.
+/// Returns whether the machine was already on before the first row, according to the recorded state. A long state is
+/// truncated, but it begins with the time of the machine start. The result is also true if the log has no column with
+/// that state, as in an exported log.
 fn continues(table: &Table) -> bool {
     const ON: &str = "\"on_since\":";
     let states = match table.cells(MEMORY) {
@@ -100,9 +104,9 @@ fn continues(table: &Table) -> bool {
     first.is_some_and(|(_, since)| !since.trim_start().starts_with("null"))
 }
 
-/// Returns the active Cz (Cz that acted during the measurement) of each log row. The readings of a row are older than
-/// its decision, so the decision of the previous row was active. Until the gateway first took over the register, the
-/// value found in the register was active. The result is NaN in rows in which the register value was not verified.
+/// Returns the active Cz of each log row. The readings of a row are older than the decision in that row, so the
+/// decision of the previous row was active. Before the gateway first wrote the register, the value found in the
+/// register was active. The result is NaN in rows in which the register value was not verified.
 fn acted(table: &Table, axis: &str) -> Vec<f64> {
     let mut acted = before(table, &format!("{axis}_cz_um"));
     let found = numbers(table, &format!("{axis}_from_um"));

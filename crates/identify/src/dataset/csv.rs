@@ -10,7 +10,7 @@ use super::{BadLog, Split, Uses, decode, files, spaced};
 use isotherm_core::quantity::{Dialect, is_comment, with_date};
 use isotherm_profile::safe_file::{self, quoted};
 
-/// Maximum number of columns. A file with more is not a log of a machine.
+/// Maximum number of columns. A file with more columns is not a log of a machine.
 pub(super) const MOST_COLUMNS: usize = 10_000;
 
 /// Reads a CSV log file. Error messages contain line numbers.
@@ -123,17 +123,16 @@ pub(super) fn own_line<R: std::io::Read>(reader: &csv::Reader<R>, record: &csv::
 pub(super) fn uneven_row((cells, width): (usize, usize), separator: u8, more: &str) -> String {
     let hint = match cells > width {
         true if separator == b',' => {
-            "if these are decimal commas, write points; a comma only separates columns"
+            "if the numbers contain decimal commas, write decimal points; a comma may only separate columns"
         }
         true => "each column needs a name",
-        false => "an empty cell also needs its separator",
+        false => "an empty cell must also be followed by a separator",
     };
-    format!("{cells} cells under {width} column names{more}: {hint}")
+    format!("this row has {cells} cells, but there are {width} column names{more}: {hint}")
 }
 
-/// Returns whether the cells of a row fit the names of the columns. The cells of the last `unnamed` columns may be
-/// missing: the names of these columns are empty, or names of comment columns. Cells beyond the last name must be
-/// empty.
+/// Returns whether a row has a suitable number of cells. The last `unnamed` columns have no name, or are comments;
+/// their cells may be missing. Cells beyond the last column must be empty.
 pub(super) fn fits(record: &csv::StringRecord, width: usize, unnamed: usize) -> bool {
     let cells = record.len();
     cells == width
@@ -152,10 +151,10 @@ pub(super) fn with_units(names: Vec<String>, units: &[String]) -> Vec<String> {
     names
 }
 
-/// Checks the names of the columns: their number, and that each occurs only once.
+/// Checks the names of the columns: there are not too many, and each name occurs only once.
 pub(super) fn check_header(names: &[String]) -> Result<(), String> {
     if names.iter().all(String::is_empty) {
-        return Err("the log is empty; its first line names the columns".to_owned());
+        return Err("the log is empty: its first line must contain the names of the columns".to_owned());
     }
     if names.len() > MOST_COLUMNS {
         return Err(format!("{} columns: at most {MOST_COLUMNS} are read; leave columns out", names.len()));
@@ -170,7 +169,7 @@ pub(super) fn check_header(names: &[String]) -> Result<(), String> {
 pub(super) fn message(why: &csv::Error) -> String {
     match why.kind() {
         csv::ErrorKind::Utf8 { .. } => {
-            "this is not UTF-8 text; save it again as UTF-8 (\"CSV UTF-8\" in a spreadsheet)".to_owned()
+            "the file is not UTF-8 text: save it again as UTF-8 (\"CSV UTF-8\" in a spreadsheet)".to_owned()
         }
         _ => why.to_string(),
     }

@@ -7,7 +7,8 @@
 //! 2. Zero bytes: UTF-16 without a mark, which chardetng does not detect, or no text.
 //! 3. Valid UTF-8.
 //! 4. Every other encoding, by the crate chardetng. That crate was made for web pages, and a log has few words.
-//!    Therefore the signs of units are removed before, and short heads in Chinese and Japanese are recognised first.
+//!    Therefore unit signs such as `°` are removed first, and short column names in Chinese and Japanese are recognised
+//!    without the crate.
 
 use std::collections::HashSet;
 use std::io::{self, Cursor, Read};
@@ -73,7 +74,7 @@ fn detect(sample: &[u8]) -> Option<&'static Encoding> {
     }
 }
 
-/// Returns the encoding of a text that is neither UTF-8 nor UTF-16.
+/// Returns the encoding of a text that is not UTF-8 or UTF-16.
 fn legacy(sample: &[u8]) -> &'static Encoding {
     let letters = without_signs(sample);
     let mut detector = EncodingDetector::new(Iso2022JpDetection::Deny);
@@ -93,12 +94,11 @@ fn legacy(sample: &[u8]) -> &'static Encoding {
     guess
 }
 
-/// Replaces single signs of units (`°`, `µ`) between ASCII characters by blanks. A text that has no other characters
-/// outside ASCII is cp1252.
+/// Replaces single unit signs (`°`, `µ`) between ASCII characters by blanks. If the result is pure ASCII, the text is
+/// in cp1252.
 ///
-/// The crate chardetng weighs the bytes outside ASCII as letters of words. In most heads of logs, these bytes are only
-/// `°` and `µ`. chardetng takes `Temp_°C;Weg_µm` for Big5, because the bytes of `°C` and `µm` are also characters of
-/// Big5.
+/// The crate chardetng assumes that bytes outside ASCII are letters of words. In most logs, the only such bytes are `°`
+/// and `µ`. chardetng detects `Temp_°C;Weg_µm` as Big5, because the bytes of `°C` and `µm` are also characters of Big5.
 fn without_signs(sample: &[u8]) -> Vec<u8> {
     let byte_at = |place: Option<usize>| place.and_then(|place| sample.get(place)).copied().unwrap_or(b' ');
     let is_sign = |place: usize, byte: u8| {
@@ -116,14 +116,14 @@ fn without_signs(sample: &[u8]) -> Vec<u8> {
     bytes.map(|(place, byte)| if is_sign(place, *byte) { b' ' } else { *byte }).collect()
 }
 
-/// Returns the groups of successive bytes that are not ASCII.
+/// Returns the groups of successive bytes outside ASCII.
 fn groups(text: &[u8]) -> impl Iterator<Item = &[u8]> {
     text.split(u8::is_ascii).filter(|group| !group.is_empty())
 }
 
-/// Returns whether all bytes that are not ASCII are a few common Chinese characters in GBK.
+/// Returns whether the bytes outside ASCII form only a few common Chinese characters in GBK.
 ///
-/// The crate chardetng takes `温度` for Japanese, `油温` for Russian and `主轴` for Czech.
+/// The crate chardetng detects `温度` as Japanese, `油温` as Russian and `主轴` as Czech.
 fn is_short_chinese(sample: &[u8]) -> bool {
     // The characters of level 1 of GB 2312.
     let is_common = |pair: &[u8]| matches!(pair, [0xB0..=0xD7, 0xA1..=0xFE]);
@@ -131,10 +131,10 @@ fn is_short_chinese(sample: &[u8]) -> bool {
     pairs().all(is_common) && pairs().collect::<HashSet<_>>().len() < SHORT
 }
 
-/// Returns whether the text has two or more common Japanese characters in a row when it is read as Shift_JIS.
+/// Returns whether the text, decoded as Shift_JIS, contains two or more common Japanese characters in a row.
 ///
-/// The crate chardetng takes some short heads for text in Latin letters. In Latin encodings, the first byte of these
-/// characters is a quotation mark, a dash, or one of a few letters such as `Š`.
+/// The crate chardetng detects some short Japanese texts as text in Latin letters. In Latin encodings, the first byte
+/// of these characters is a quotation mark, a dash, or a letter like `Š`.
 fn has_japanese_word(sample: &[u8]) -> bool {
     let (mut bytes, mut run, mut has_word) = (sample.iter(), 0, false);
     while let Some(byte) = bytes.next() {
@@ -147,10 +147,10 @@ fn has_japanese_word(sample: &[u8]) -> bool {
     has_word && SHIFT_JIS.decode_without_bom_handling_and_without_replacement(sample).is_some()
 }
 
-/// Returns whether all bytes that are not ASCII are half-width katakana of Shift_JIS, each of which is one byte.
+/// Returns whether all bytes outside ASCII are half-width katakana in Shift_JIS, which have one byte each.
 ///
-/// The crate chardetng gives such katakana a low rating, because web pages rarely have them. Words in capitals of a
-/// Cyrillic encoding consist of the bytes from 0xC0 on, and of a few letters below 0xB3. A word with an even number of
+/// The crate chardetng gives such katakana a low rating, because web pages rarely have them. Other encodings use the
+/// same bytes: Cyrillic capitals use bytes from 0xC0 on, and a few letters below 0xB3. A word with an even number of
 /// bytes may be Chinese or Korean.
 fn is_half_width(letters: &[u8]) -> bool {
     let is_kana = |byte: &u8| matches!(byte, 0xA6..=0xDF);
@@ -162,7 +162,7 @@ fn is_half_width(letters: &[u8]) -> bool {
 }
 
 /// Returns the byte order of UTF-16 without a byte order mark; `None` if the text is not UTF-16. In a log in UTF-16,
-/// almost every second byte is zero.
+/// almost every second byte is zero, because most characters are ASCII.
 fn wide(sample: &[u8]) -> Option<&'static Encoding> {
     let zeros = |from: usize| sample.iter().skip(from).step_by(2).filter(|byte| **byte == 0).count();
     let (first, second) = (zeros(0), zeros(1));

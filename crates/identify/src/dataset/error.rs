@@ -6,7 +6,7 @@
 pub struct BadLog(pub Vec<String>);
 
 impl BadLog {
-    /// Returns `good` if `wrong` contains no messages; otherwise an error with these messages.
+    /// Returns `good` if `wrong` contains no messages; otherwise returns an error with these messages.
     pub(crate) fn unless<T>(wrong: Vec<String>, good: T) -> Result<T, BadLog> {
         if wrong.is_empty() { Ok(good) } else { Err(BadLog(wrong)) }
     }

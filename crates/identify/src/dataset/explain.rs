@@ -1,4 +1,4 @@
-//! Explanation of how a log is read: its header, time, units and first rows.
+//! Explanation of how a log is read: its layout, the format of its times, its units, and its first rows.
 
 use std::fmt;
 use std::io::{Cursor, Read};
@@ -13,11 +13,12 @@ use super::time_form::TimeForm;
 use super::{BadLog, Kind, Split, Uses, decode, every_column, files, spaced, unit};
 use isotherm_core::quantity::{DateOrder, DecimalMark, Dialect, Moment, TimeUnit, time};
 
-/// Number of bytes at the start of a CSV log that are used for its explanation.
+/// Number of bytes at the start of a CSV log that are read for the explanation.
 const SAMPLE: u64 = 1 << 16;
 /// Number of log rows that are shown.
 const SHOWN: usize = 3;
-/// Earliest time that counts as a date, in 1973. A smaller time is counted from the start of a log.
+/// Smallest time that counts as a date, in the year 1973. A smaller time is a number that counts from the start of the
+/// log.
 const FIRST_DATE: Moment = Moment::from_nanos(100_000_000_000_000_000);
 
 /// Explanation of how one log is read.
@@ -29,7 +30,7 @@ pub struct Explanation {
     pub csv: Option<CsvLayout>,
     /// Format of the times; `None` if the log cannot be read.
     pub time: Option<TimeLayout>,
-    /// Columns except the time, with the kind of quantity that is guessed from unit, name and values.
+    /// Columns of the log except the time column.
     pub columns: Vec<ExplainedColumn>,
     /// First rows of the log, as the program reads them.
     pub rows: Vec<ExplainedRow>,
@@ -75,9 +76,9 @@ pub struct TimeLayout {
 pub struct ExplainedColumn {
     /// Name without the unit.
     pub name: String,
-    /// Unit in the header or in the cells; `None` if the log states no unit.
+    /// Unit in the header or in the cells of the column; `None` if the log states no unit.
     pub unit: Option<String>,
-    /// Unit of the values after their conversion; `None` if the unit is not known.
+    /// Unit into which the values are converted; `None` if the unit of the column is not known.
     pub read_as: Option<&'static str>,
     /// Guessed kind of quantity; `None` if the column has no numbers.
     pub kind: Option<Kind>,
@@ -164,7 +165,7 @@ fn of_table(file: &Path, split: &Split, found: &mut Explanation) -> Found {
     (with_errors(&|uses| read_table(file, split, uses), found), None)
 }
 
-/// Reads a log with all columns. If that fails, the errors are added, and the columns are read as far as possible.
+/// Reads a log with all columns. If that fails, adds the errors to `found`, and reads as many columns as possible.
 fn with_errors(read: &dyn Fn(Uses<'_>) -> Result<Table, BadLog>, found: &mut Explanation) -> Option<Table> {
     match read(&every_column) {
         Ok(table) => Some(table),
@@ -208,7 +209,7 @@ fn fill(found: &mut Explanation, table: &Table, split: &Split) {
     }
 }
 
-/// Returns a time as text. A time that is no date counts from the start of the log.
+/// Returns a time as text. If the time is not a date, the text is the time since the start of the log.
 fn time_text(at: Moment, unit: TimeUnit) -> String {
     if at < FIRST_DATE && unit != TimeUnit::ExcelDays {
         return format!("{} s", at.since(Moment::default()).as_secs_f64());
@@ -239,7 +240,7 @@ impl fmt::Display for Explanation {
                 TimeForm::TimesOfDay => f.write_str("times of day")?,
             }
             if *form != TimeForm::StampsInUtc {
-                write!(f, "; the zone of dates without one is {zone}")?;
+                write!(f, "; dates without a time zone are in the zone {zone}")?;
             }
             writeln!(f, "{dates}")?;
         }
@@ -302,7 +303,7 @@ mod tests {
         for part in [
             "encoding  windows-1252",
             "names     line 2",
-            "time      Datum: texts with a date or a time of day; the zone of dates without one is Europe/Berlin",
+            "time      Datum: texts with a date or a time of day; dates without a time zone are in the zone Europe/Berlin",
             "bed",
             "temperature, unit °F, read as degC",
             "line 4:",

@@ -7,21 +7,21 @@ use std::path::{Path, PathBuf};
 use super::{BadLog, decode, head, spaced};
 use isotherm_profile::{FileKind, safe_file};
 
-/// Number of bytes at the start of a text file in which the column names are searched.
+/// Number of bytes at the start of a text file in which the line with the column names must be.
 const SAMPLE: u64 = 1 << 16;
 
-/// Returns the log files in the order of `named`. A directory is replaced by the logs in it, sorted by name, except
-/// logs of outputs. Adds a remark about each other file of a directory that may contain a log.
+/// Returns the log files in the order of `named`. A directory is replaced by the logs in it, sorted by name. Logs of
+/// outputs are left out. Adds a remark about each file of a directory that may contain a log but is not read.
 pub(super) fn logs(named: &[PathBuf], wrong: &mut Vec<String>, remarks: &mut Vec<String>) -> Vec<PathBuf> {
     if named.is_empty() {
-        wrong.push("no log is named: give one or more CSV or Parquet files".to_owned());
+        wrong.push("no log was given: name one or more CSV or Parquet files".to_owned());
     }
     let mut files: Vec<PathBuf> = Vec::new();
     for name in named {
         if is_of_outputs(name) {
             wrong.push(format!(
-                "{} is a log of outputs, without measured values: name the log in the same directory whose \
-                 name ends with .csv only",
+                "{} is a log of outputs, which contains no measured values: use the log in the same directory \
+                 whose name has only the ending .csv",
                 name.display()
             ));
             continue;
@@ -49,10 +49,9 @@ fn is_of_outputs(path: &Path) -> bool {
     path.to_str().is_some_and(|path| path.ends_with(".outputs.csv") || path.ends_with(".outputs.csv.gz"))
 }
 
-/// File extensions of text files that may be logs. Such a file is read only if it has a line with column names, because
-/// it may be a note.
+/// Extensions of text files that may be logs or notes. Such a file is read only if it has a line with column names.
 const TEXTS: [&str; 8] = ["txt", "tsv", "tab", "dat", "asc", "log", "prn", "lvm"];
-/// File extensions of files that may contain logs but cannot be read, with the remedy for the message.
+/// Extensions of files that may contain logs but cannot be read, with advice for the message.
 const UNREAD: [(&[&str], &str); 3] = [
     (
         &["xls", "xlsb", "ods"],
@@ -68,15 +67,15 @@ const UNREAD: [(&[&str], &str); 3] = [
     ),
 ];
 
-/// Remedy for a file that can only be read by a build with the feature `tables`.
-const NO_TABLES: &str = "this program was built without workbooks and compressed logs: save it as CSV, or use a packaged \
-                         program";
+/// Advice for a file that can only be read by a build with the feature `tables`.
+const NO_TABLES: &str = "this program was built without support for workbooks and compressed logs: save the \
+                         file as CSV, or install a packaged version of the program";
 
-/// Decision how a file in a directory of logs is used.
+/// Decision how to use a file that was found in a directory of logs.
 #[derive(Debug, PartialEq, Eq)]
 enum Use {
     Log,
-    /// Possible log that is not read, with the reason and the remedy.
+    /// Possible log that is not read. The text contains the reason and advice.
     Unread(String),
     Nothing,
 }
@@ -100,8 +99,8 @@ fn use_of(path: &Path) -> Use {
         _ if TEXTS.contains(&ending) => match is_log(path) {
             true => Use::Log,
             false => Use::Unread(
-                "it has no line with a time column above rows of numbers: `isotherm logs explain` shows how the \
-                 file is read"
+                "the file has no line of column names with a time column, followed by rows of numbers. \
+                 `isotherm logs explain` shows how the file is read"
                     .to_owned(),
             ),
         },
@@ -124,7 +123,8 @@ fn is_log(path: &Path) -> bool {
     begin().map_or(true, |text| head::has_rows(&text))
 }
 
-/// Returns the logs in a directory, sorted by name. Adds a remark about each other file that may contain a log.
+/// Returns the logs in a directory, sorted by name. Adds a remark about each file that may contain a log but is not
+/// read.
 fn inside(directory: &Path, wrong: &mut Vec<String>, remarks: &mut Vec<String>) -> Vec<PathBuf> {
     let mut entries: Vec<PathBuf> = match std::fs::read_dir(directory) {
         Ok(entries) => entries.flatten().map(|entry| entry.path()).collect(),
@@ -205,9 +205,9 @@ mod tests {
             ("old.ods", "x", "save the sheet"),
             ("week.zip", "x", "extract the logs"),
             ("can.mf4", "x", "export it as CSV or Parquet"),
-            ("notes.txt", "the door was open on Monday\n", "it has no line with a time column"),
+            ("notes.txt", "the door was open on Monday\n", "the file has no line of column names"),
             ("service.log", "2026-01-05 06:00:00 INFO started\n", "isotherm logs explain"),
-            ("names.txt", "time\tbed\n", "above rows of numbers"),
+            ("names.txt", "time\tbed\n", "followed by rows of numbers"),
         ] {
             let (found, remarks, wrong) = of(&[("day.csv", LOG), (name, text)]);
             assert_eq!((found, wrong), (vec!["day.csv".to_owned()], Vec::new()), "{name}");

@@ -12,14 +12,14 @@ use super::workbook;
 use super::{BadLog, Split, Uses, csv};
 use isotherm_profile::FileKind;
 
-/// Reads a log file in any format. If the file is of another known kind, for example a profile, the error message only
-/// states that kind.
+/// Reads a log file in any format. If the file is not a log but another known kind of file, for example a profile, the
+/// error message states that kind.
 pub(super) fn read_table(file: &Path, split: &Split, uses: Uses<'_>) -> Result<Table, BadLog> {
     read_by_ending(file, split, uses).map_err(|wrong| named(file, wrong))
 }
 
-/// Returns the error message that states the kind of a file: another known kind, or another format by its file
-/// extension. If no kind is recognised, returns `wrong`, the error of the log.
+/// Returns the error for a file that cannot be read as a log. If the file is of another known kind or format, the
+/// message states that kind. Otherwise, returns `wrong`, the error of the reader.
 pub(super) fn named(file: &Path, wrong: BadLog) -> BadLog {
     FileKind::mistake(file, FileKind::Log).map_or(wrong, |line| BadLog(vec![line]))
 }
@@ -47,12 +47,12 @@ fn read_by_ending(file: &Path, split: &Split, uses: Uses<'_>) -> Result<Table, B
     }
 }
 
-/// Returns the error message about a file that needs a feature of the build.
+/// Returns the error message about a file that only a build with another feature can read.
 #[cfg(not(all(feature = "parquet", feature = "tables")))]
 fn not_built(file: &Path, what: &str, feature: &str) -> BadLog {
     BadLog(vec![format!(
-        "{}: this program was built without {what}: write CSV, use a packaged program, or build one with \
-         {what}: `cargo build --release --features {feature}`",
+        "{}: this program was built without support for {what}. Save the file as CSV, install a packaged \
+         version, or build the program with {what}: `cargo build --release --features {feature}`",
         file.display()
     )])
 }

@@ -1,4 +1,5 @@
-//! Readings of a dial gauge, added to the log rows that the machine recorded at the same time.
+//! Readings of a dial gauge, which a person or another logger recorded. Each reading is added to the log row of the
+//! machine that is nearest in time.
 
 use std::path::Path;
 use std::time::Duration;
@@ -28,14 +29,14 @@ pub(super) fn add(
     let columns: Vec<&str> = gauge.names_of_numbers().collect();
     let [column] = columns.as_slice() else {
         let there = if columns.is_empty() { "no column of numbers".to_owned() } else { columns.join(", ") };
-        let why =
-            "the file of a dial gauge has two columns, time and error; besides the time, this file has:";
+        let why = "the file of a dial gauge must have two columns, time and error. Besides the time column, \
+                   this file has:";
         return Err(refused(format!("{why} {there}")));
     };
     if let Some((one, other)) = overlapping(&dataset.runs) {
         return Err(refused(format!(
-            "{one} and {other} overlap in time, so the run of a reading is not known: name one of the two \
-             logs, or logs with dates"
+            "{one} and {other} overlap in time, so it is not known to which run a reading of the gauge \
+             belongs. Use only one of the two logs, or logs whose times have dates"
         )));
     }
     let column = (*column).to_owned();
@@ -68,14 +69,14 @@ pub(super) fn add(
         let [of_gauge, of_logs] =
             [span(&mut gauge.times.iter()), span(&mut dataset.runs.iter().flat_map(|run| &run.times))];
         return Err(refused(format!(
-            "no row of the logs is within {shown} of a reading: the gauge's times are {of_gauge}, those of \
-             the logs {of_logs}. Are the zone (--zone) and the clock right?"
+            "no log row is within {shown} of a reading of the gauge. The times of the gauge are {of_gauge}; \
+             the times of the logs are {of_logs}. Are the time zone (--zone) and the clocks right?"
         )));
     }
     if let Some(first) = far.first() {
         let remark = format!(
-            "{}: {} of {read} readings have no row within {shown}, the first in line {first}; they are left \
-             out (--within allows a larger distance)",
+            "{}: {} of {read} readings are left out, because no log row is within {shown}. The first of them \
+             is in line {first}. --within allows a larger distance in time",
             file.display(),
             far.len()
         );
@@ -87,7 +88,8 @@ pub(super) fn add(
     Ok(())
 }
 
-/// Returns the run and the row that are nearest to the time `at`; `None` if no row is within the duration `within`.
+/// Returns the indices of the run and of its row that are nearest to the time `at`. `None` if no row is within the
+/// duration `within` of that time.
 fn nearest_row(runs: &[Run], at: Moment, within: Duration) -> Option<(usize, usize)> {
     let near = runs.iter().enumerate().flat_map(|(run, recorded)| {
         let times = &recorded.times;
@@ -101,8 +103,8 @@ fn nearest_row(runs: &[Run], at: Moment, within: Duration) -> Option<(usize, usi
     near.min().filter(|(away, ..)| *away <= within).map(|(_, run, row)| (run, row))
 }
 
-/// Returns the names of two runs whose times overlap, for example because both begin at zero; `None` if no runs
-/// overlap.
+/// Returns the names of the first two runs whose times overlap, for example because the times of both runs begin at
+/// zero. `None` if no runs overlap.
 fn overlapping(runs: &[Run]) -> Option<(&str, &str)> {
     let span = |run| {
         let Run { name, times, .. }: &Run = run;
@@ -113,7 +115,7 @@ fn overlapping(runs: &[Run]) -> Option<(&str, &str)> {
     spans.windows(2).find(|pair| pair[1].0 < pair[0].1).map(|pair| (pair[0].2, pair[1].2))
 }
 
-/// Returns the first and the last of these times as text.
+/// Returns the earliest and the latest of these times as text, for example `… to …`; empty if there are no times.
 fn span(times: &mut dyn Iterator<Item = &Moment>) -> String {
     let text = |at: Moment| {
         let mut text = Vec::new();

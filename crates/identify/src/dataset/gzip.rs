@@ -8,7 +8,7 @@ use flate2::read::MultiGzDecoder;
 use super::table::Table;
 use super::{BadLog, Split, Uses, csv, files};
 
-/// Maximum size of a decompressed log, bytes. The log is read in parts, so this limit bounds the reading time, not the
+/// Maximum size of a decompressed log, bytes. The log is read in parts, so this limits the reading time, not the
 /// memory.
 const LARGEST: u64 = 4_000_000_000;
 
@@ -27,7 +27,7 @@ pub(super) fn open(file: &Path) -> Result<Box<dyn Read>, BadLog> {
     Ok(Box::new(Limited { input: MultiGzDecoder::new(files::open(file)?), left: LARGEST }))
 }
 
-/// Reader that returns an error after a maximum number of bytes.
+/// Reader that returns an error if its input is longer than a maximum number of bytes.
 struct Limited<R> {
     input: R,
     left: u64,

@@ -1,10 +1,11 @@
-//! Head of a CSV log: lines of a logger before the column names, and a line with units after them.
+//! Head of a CSV log: the lines before the column names, which a logger writes, and the lines with units after the
+//! column names.
 
 use std::io::{self, Chain, Cursor, Read};
 
 use isotherm_core::quantity::{Dialect, TimeColumns, is_unit};
 
-/// Number of bytes at the start of a log in which the column names are searched.
+/// Number of bytes at the start of a log in which the line with the column names must be.
 const SAMPLE: u64 = 1 << 16;
 /// Maximum number of lines before the column names.
 const MOST_SKIPPED: usize = 200;
@@ -20,14 +21,14 @@ pub(super) struct Head {
     pub(super) after: u64,
     /// Unit of each column in the lines after the column names; empty if a column has no unit there.
     pub(super) units: Vec<String>,
-    /// First lines with rows.
+    /// First lines with values after the head.
     pub(super) rows: Vec<String>,
 }
 
 impl Head {
-    /// Returns the names of the columns. If no column has the name of a time, an empty first name becomes the time
-    /// column, provided that its cells are dates with times. The library pandas writes an index without a name in this
-    /// way.
+    /// Returns the names of the columns. If no column has the name of a time column, but the first name is empty and
+    /// the cells below it are dates with times, the first column becomes the time column. The library pandas writes an
+    /// index without a name in this way.
     pub(super) fn with_time(&self, mut names: Vec<String>, separator: u8) -> Vec<String> {
         let is_index = || {
             let row = self.rows.iter().find(|line| !line.trim().is_empty());
@@ -43,10 +44,10 @@ impl Head {
     }
 }
 
-/// Reader that begins at the column names of a log.
+/// Reader of the rest of a log, from the line with the column names on.
 type FromNames<R> = Chain<Cursor<Vec<u8>>, R>;
 
-/// Finds the head of a log. Also returns a reader that begins at the column names.
+/// Finds the head of a log. Also returns a reader that begins at the line with the column names.
 pub(super) fn start<R: Read>(mut input: R) -> io::Result<(Head, FromNames<R>)> {
     let mut sample = Vec::new();
     input.by_ref().take(SAMPLE).read_to_end(&mut sample)?;
@@ -67,7 +68,8 @@ pub(super) fn start<R: Read>(mut input: R) -> io::Result<(Head, FromNames<R>)> {
     Ok((head, Cursor::new(sample).chain(input)))
 }
 
-/// Finds the head in the first lines of a log. If no line has the name of a time column, nothing is skipped.
+/// Finds the head in the first lines of a log. If no line contains the name of a time column, the log has no lines
+/// before the column names.
 fn find(lines: &[&str]) -> Head {
     let skipped = names_at(lines).unwrap_or(0);
     let Some(header) = lines.get(skipped) else { return Head::default() };
@@ -102,7 +104,7 @@ fn find(lines: &[&str]) -> Head {
     Head { skipped: skipped as u64, after: after as u64, units, rows }
 }
 
-/// Returns the index of the line with the names of columns; `None` if none of the first lines has them.
+/// Returns the index of the line with the column names; `None` if the begin of the text has no such line.
 #[cfg(feature = "tables")]
 pub(super) fn line_of_names(text: &[u8]) -> Option<usize> {
     let sample = &text[..text.len().min(1 << 16)];
@@ -124,8 +126,8 @@ pub(super) fn names_at(lines: &[&str]) -> Option<usize> {
     named.or_else(|| places.find(|place| are_names_after_index(lines[*place], below(*place))))
 }
 
-/// Returns whether a line contains the names of the columns after an index without a name, and the next line begins with
-/// a date and time.
+/// Returns whether a line contains column names of which the first is empty, and the next line begins with a date and
+/// time. The first column is then an index of times.
 fn are_names_after_index(line: &str, next: &[&str]) -> bool {
     let separator = Dialect::of(line, None).separator();
     let found = cells(line, separator);
@@ -143,8 +145,8 @@ fn is_clock(cell: &str) -> bool {
     cell.contains(':') && is_value(cell)
 }
 
-/// Returns whether a line contains the names of the columns. One of them is a time, none is a value, and one of the next
-/// lines has as many cells and a time under that name.
+/// Returns whether a line contains the names of the columns. One of the cells must be the name of a time column, and no
+/// cell may be a value. One of the next lines must have as many cells, with a time under that name.
 fn are_names(line: &str, next: &[&str]) -> bool {
     let separator = Dialect::of(line, None).separator();
     let found: Vec<String> = cells(line, separator).into_iter().map(str::to_owned).collect();
@@ -181,7 +183,7 @@ pub(super) fn cells(line: &str, separator: u8) -> Vec<&str> {
     uncommented(line).split(char::from(separator)).map(|cell| cell.trim().trim_matches('"').trim()).collect()
 }
 
-/// Returns a line or a name without the sign of a comment before it, as in `# time,bed`.
+/// Returns a line or a name without the comment sign before it: `# time,bed` becomes `time,bed`.
 pub(super) fn uncommented(text: &str) -> &str {
     text.trim_start_matches(['\u{feff}', '#', ' '])
 }

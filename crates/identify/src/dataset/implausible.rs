@@ -1,9 +1,9 @@
-//! Values that no sensor measured: overloads and errors of a logger that were written as numbers, its messages, and
-//! words such as `n/a`.
+//! Implausible values: values in a log that no sensor measured. Examples are numbers that a logger writes for an
+//! overload or a broken wire, messages of a logger, and words like `n/a`.
 //!
-//! A suspicious value is for example 9.9E37, 850 or 0. It counts as implausible only if its distance from the values
-//! before and after it is larger than the machine can move between two rows. These values are left out, and a remark
-//! names their lines. Short gaps of a temperature are bridged by straight lines.
+//! A suspicious value is for example 9.9E37, 850 or 0. It is implausible only if it differs from the values before and
+//! after it by more than the machine can change between two rows. Implausible values are left out, and a remark names
+//! their lines. Short gaps of a temperature are bridged by straight lines.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::ops::{Range, RangeInclusive};
@@ -16,30 +16,31 @@ use super::{Kind, Refusal, Series};
 use crate::statistics::{count, range};
 use isotherm_core::quantity::{Conversion, Moment};
 
-/// Maximum share of the rows of a run that may be implausible before the column is rejected.
+/// Maximum share of implausible values in the rows of a run. With more, the column is rejected.
 const MOST: f64 = 0.05;
-/// Maximum number of lines that a remark lists.
+/// Maximum number of text lines that a remark lists.
 const NAMED: usize = 5;
-/// Factor on the usual step between two rows. A larger step counts as impossible for a machine.
+/// Factor on the usual step of a column between two rows. A larger step is impossible for a machine.
 const TIMES_USUAL: f64 = 6.0;
-/// Factor on the resolution of a column: minimum distance of an implausible value from its neighbours.
+/// Factor on the resolution (smallest step) of a column. An implausible value differs from its neighbours by at least
+/// this product.
 const TIMES_SMALLEST: f64 = 3.5;
 /// Maximum gap of a temperature that is bridged by a straight line.
 const BRIDGED: Duration = Duration::from_secs(300);
-/// Maximum time between a value and the values before and after it with which it is compared.
+/// Maximum time between a value and the neighbouring values with which it is compared.
 const NEAR: Duration = Duration::from_secs(3600);
-/// Maximum number of rows after which the value must return, so that a jump counts as implausible.
+/// Maximum number of rows of a jump that counts as implausible. After these rows, the value must return.
 const SHORT: usize = 5;
-/// Minimum size of a jump of a displacement that counts as implausible if the value returns: in µm, and as a multiple
-/// of the usual step.
+/// Minimum size of an implausible jump of a displacement: in µm, and as a multiple of the usual step. The jump must
+/// exceed both.
 const JUMP: (f64, f64) = (20.0, 20.0);
 
-/// Range of plausible temperatures of a machine, °C. Any other value is suspicious.
+/// Range of plausible temperatures of a machine, °C. Values outside this range are suspicious.
 const OF_MACHINES: RangeInclusive<f64> = -60.0..=200.0;
-/// Minimum change of a speed or position, as a share of its range, from which the machine counts as moved.
+/// Minimum change of a speed or position, as a share of its range, that counts as a movement of the machine.
 const MOVED: f64 = 0.1;
 
-/// Column of values that is tested for implausible values.
+/// Column of values that is searched for implausible values.
 #[derive(Clone, Copy)]
 pub(super) struct Tested<'a> {
     pub(super) kind: Kind,
@@ -51,8 +52,8 @@ pub(super) struct Tested<'a> {
     pub(super) moved: &'a dyn Fn(usize, usize) -> bool,
 }
 
-/// Returns the minimum distance of an implausible value from its neighbours; `None` if values of this kind are not
-/// tested.
+/// Returns the minimum difference between an implausible value and its neighbours; `None` if values of this kind are
+/// not tested.
 fn least_distance(kind: Kind) -> Option<f64> {
     match kind {
         Kind::Temperature | Kind::Displacement => Some(2.0),
@@ -61,14 +62,15 @@ fn least_distance(kind: Kind) -> Option<f64> {
     }
 }
 
-/// Rows of a column that no sensor measured.
+/// Rows of a column whose values no sensor measured.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub(super) struct Found {
-    /// Rows with suspicious values that differ clearly from their neighbours.
+    /// Rows with suspicious values that differ clearly from the neighbouring values.
     pub(super) sentinels: Vec<usize>,
-    /// Rows of jumps that return after a few rows, in a column of displacements.
+    /// Rows of jumps of a displacement after which the value returned within a few rows.
     pub(super) jumps: Vec<usize>,
-    /// First row after each jump that does not return, in a column of displacements. Its values are used.
+    /// First row after each jump of a displacement after which the value did not return. The values after such a jump
+    /// are used.
     pub(super) lasting: Vec<usize>,
 }
 
@@ -101,7 +103,7 @@ pub(super) fn find(tested: &Tested<'_>) -> Found {
 }
 
 impl Tested<'_> {
-    /// Returns whether a logger may have written this value instead of a measured one.
+    /// Returns whether a logger may have written this value to report a fault, instead of a measured value.
     fn is_suspicious(&self, value: f64) -> bool {
         let is_outside = self.kind == Kind::Temperature && !OF_MACHINES.contains(&value);
         let is_written = || {
@@ -120,9 +122,9 @@ fn is_near(times: &[Moment], one: usize, other: usize) -> bool {
     times[other].since(times[one]) <= NEAR
 }
 
-/// Returns whether a value is farther from its neighbours than `least`, and the neighbours are alike. The neighbours of
-/// zero need only be on one side of it. A value in the first or last row has only one neighbour; a zero there is not
-/// implausible.
+/// Returns whether a value differs from its neighbours by more than `least`, while the neighbours are similar to each
+/// other. For the value zero, both neighbours need only be on the same side of zero. The first or last row has only one
+/// neighbour; a zero in such a row is not implausible.
 fn stands_apart(value: f64, before: Option<f64>, after: Option<f64>, least: f64) -> bool {
     let distance = |neighbour: f64| (value - neighbour).abs();
     match (before, after) {
@@ -137,8 +139,8 @@ fn stands_apart(value: f64, before: Option<f64>, after: Option<f64>, least: f64)
     }
 }
 
-/// Returns two steps between neighbouring good rows: the smallest one, which is the resolution of the column, and the
-/// step that 90 % of the steps do not exceed. Both are 0 if the values never change.
+/// Returns the smallest step between neighbouring good rows, which is the resolution of the column, and the usual step.
+/// 90 % of the steps are not larger than the usual step. Both are 0 if the values never change.
 fn steps(values: &[f64], good: &[usize]) -> (f64, f64) {
     let mut steps: Vec<f64> = good.windows(2).map(|pair| (values[pair[1]] - values[pair[0]]).abs()).collect();
     steps.sort_by(f64::total_cmp);
@@ -146,8 +148,8 @@ fn steps(values: &[f64], good: &[usize]) -> (f64, f64) {
     (smallest.unwrap_or(0.0), steps.get(steps.len() * 9 / 10).copied().unwrap_or(0.0))
 }
 
-/// Finds the jumps of a displacement while the machine does not move. Returns two lists: the rows of jumps that return
-/// within a few rows, and the first row after each jump that does not return.
+/// Finds the jumps of a displacement while the machine does not move. The first list contains the rows of the jumps
+/// after which the value returns within a few rows. The second list contains the first row after each other jump.
 fn jumps(tested: &Tested<'_>, sentinels: &[usize], usual: f64) -> (Vec<usize>, Vec<usize>) {
     let Tested { times, values, moved, .. } = *tested;
     let least = f64::max(JUMP.0, JUMP.1 * usual);
@@ -200,11 +202,12 @@ pub(super) struct Wrong {
 }
 
 impl Wrong {
-    /// Returns the error message about too many implausible values; `None` if they are few.
+    /// Returns the error message about a column with too many implausible values; `None` if it has few.
     pub(super) fn refusal(&self) -> Option<String> {
         self.are_too_many.then(|| {
             format!(
-                "{}: more than {:.0} % of the values: leave this column or this log out, or repair the measurement",
+                "{}: these are more than {:.0} % of the values. Leave this column or this log out, or repair \
+                 the measurement",
                 self.text,
                 100.0 * MOST
             )
@@ -254,8 +257,8 @@ pub(super) fn leave_out(
     (remarks, refused)
 }
 
-/// Returns the implausible values of each column and run, and a remark about each column whose values jump and do not
-/// return.
+/// Returns the implausible values of each column and run. Also returns a remark about each displacement that jumps and
+/// does not return.
 pub(super) fn wrong(table: &Table, runs: &[Range<usize>], kind: KindOf<'_>) -> (Vec<Wrong>, Vec<String>) {
     let numbers = table.columns.iter().enumerate().filter_map(|(place, (name, cells))| match cells {
         // The gateway has tested its touches.
@@ -325,19 +328,19 @@ pub(super) fn wrong(table: &Table, runs: &[Range<usize>], kind: KindOf<'_>) -> (
 }
 
 /// Returns the remark about jumps of a column that do not return. `first` is the row after the first jump, and `jumps`
-/// is their number.
+/// is the number of jumps.
 fn lasting_jump(table: &Table, name: &str, first: usize, jumps: usize) -> String {
     let more = if jumps > 1 { format!(", and jumps {} more times", jumps - 1) } else { String::new() };
     format!(
-        "{}, {} {}, column {name}: the value jumps from one row to the next and does not return{more}. No machine moves like \
-         this. If the probe was moved or set to zero, split the log at this row",
+        "{}, {} {}, column {name}: the value jumps from one row to the next and does not return{more}. A \
+         machine cannot move so fast. If the probe was moved or set to zero, split the log at this row",
         table.file.display(),
         table.row,
         table.lines.of(first)
     )
 }
 
-/// Returns a text that lists the given rows of a column, with the first value.
+/// Returns the remark about these rows of a column. It contains the value in the first row, and the lines of the rows.
 fn remark(
     table: &Table,
     (name, conversion): (&str, Conversion),
@@ -367,7 +370,7 @@ fn remark(
     )
 }
 
-/// Bridges short gaps by straight lines. Returns whether a gap was bridged.
+/// Bridges short gaps between values by straight lines. Returns whether any gap was bridged.
 fn bridge(times: &[Moment], values: &mut [f64], wrong: &BTreeSet<usize>, rows: &Range<usize>) -> bool {
     let mut bridged = false;
     for row in wrong.iter().copied() {

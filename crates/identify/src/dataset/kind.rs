@@ -24,11 +24,12 @@ pub enum Kind {
     Other,
 }
 
-/// Function that returns the kind of a column from its name and its values in one file.
+/// Function that guesses the kind of a column from its name and from its values in one file.
 pub(super) type KindOf<'a> = &'a dyn Fn(&str, &Series) -> Kind;
 
 impl Kind {
-    /// Guesses the kind by the unit in the profile, then by the ending of the name, then by the values.
+    /// Guesses the kind of a column from its unit in the profile. Without a unit, the end of the name decides, then the
+    /// values.
     pub fn guess(name: &str, unit: Option<&str>, values: impl Iterator<Item = f64> + Clone) -> Kind {
         if let Some(kind) = Kind::of_name(name, unit) {
             return kind;
@@ -58,7 +59,8 @@ impl Kind {
         if is_named || is_plausible { Kind::Temperature } else { Kind::Other }
     }
 
-    /// Returns the kind by the unit in the profile, or by the ending of the name; `None` if only the values can decide.
+    /// Returns the kind by the unit in the profile, or by the end of the name; `None` if only the values can show the
+    /// kind.
     pub(crate) fn of_name(name: &str, unit: Option<&str>) -> Option<Kind> {
         if let Some(kind) = unit.and_then(of_unit) {
             return Some(kind);
@@ -73,23 +75,24 @@ impl Kind {
     }
 }
 
-/// Values that loggers write instead of any measured quantity, positive or negative.
+/// Values that loggers write instead of a measured value of any quantity. The same values with a minus sign also occur.
 const OF_ANY: [f64; 19] = [
     999.0, 999.9, 999.99, 9999.0, 9999.9, 99_999.0, 888.8, 8888.0, 777.7, 327.67, 327.68, 3276.7, 3276.8,
     32_767.0, 32_768.0, 655.35, 6553.5, 65_535.0, 99_999.9,
 ];
-/// Values that input modules and sensors output instead of a temperature, °C, for example at a broken wire.
+/// Values that input modules and sensors output instead of a measured temperature, °C, for example if a wire is broken.
 const OF_TEMPERATURES: [f64; 22] = [
     0.0, 85.0, 125.0, 127.0, -127.0, 128.0, 150.0, 400.0, 600.0, 650.0, 760.0, 800.0, 850.0, 988.79, 1000.0,
     1200.0, 1300.0, 1370.0, 1372.0, 1768.0, 1820.0, -242.02,
 ];
-/// Lower ends of the measuring ranges of sensors, °C.
+/// Lower limits of the measuring ranges of temperature sensors, °C.
 const COLDEST: [f64; 5] = [-40.0, -50.0, -200.0, -270.0, -273.15];
 
-/// Magnitude that no temperature, displacement or speed of a machine reaches.
+/// Absolute value that no temperature, displacement or speed of a machine reaches.
 pub(super) const HUGE: f64 = 1e6;
 
-/// Returns whether a logger may have written this number instead of a measured value of this kind.
+/// Returns whether a logger or sensor may have output this number to report a fault, instead of a measured value of
+/// this kind.
 pub(super) fn is_suspicious(kind: Kind, value: f64) -> bool {
     let is = |known: &f64| (value - known).abs() < 0.004;
     let is_of_any = value.abs() >= HUGE || OF_ANY.iter().any(|known| is(known) || is(&-known));
@@ -101,7 +104,7 @@ pub(super) fn is_suspicious(kind: Kind, value: f64) -> bool {
     }
 }
 
-/// Words in column names of other quantities, whose values may look like temperatures.
+/// Words in column names of other quantities. The values of such columns may look like temperatures.
 const OTHER_QUANTITIES: [&str; 45] = [
     "humidity",
     "rh",
@@ -149,14 +152,14 @@ const OTHER_QUANTITIES: [&str; 45] = [
     "batt",
     "rssi",
 ];
-/// Column names of counters and of quantities with short names, whose values may look like temperatures.
+/// Whole column names of counters and of other quantities. The values of such columns may look like temperatures.
 const OTHER_NAMES: [&str; 18] = [
     "scan", "index", "no", "no.", "nr", "nr.", "number", "nummer", "#", "id", "count", "counter", "zähler",
     "row", "zeile", "ms", "ph", "co2",
 ];
 
-/// Returns whether a word of the column name means a quantity other than temperature, length or speed. A word for a
-/// temperature has precedence, as in `power_supply_temp`.
+/// Returns whether a word of the column name means a quantity other than temperature, length or speed. If the name also
+/// contains a word for a temperature, as in `power_supply_temp`, the result is `false`.
 fn names_another_quantity(name: &str) -> bool {
     let words = || name.split(|letter: char| !letter.is_alphabetic());
     let is_temperature = words().any(|word| word.starts_with("temp"));

@@ -1,5 +1,5 @@
-//! Implausible values of measured errors, for the row reader of `isotherm replay`. The same values are left out by
-//! `isotherm identify`.
+//! Implausible values (not measured by the sensor) of measured errors, for the row reader of `isotherm replay`. The
+//! command `isotherm identify` leaves out the same values.
 
 use std::collections::HashMap;
 use std::path::Path;
@@ -9,17 +9,17 @@ use super::implausible::{Wrong, wrong};
 use super::table::{Cells, Table, Units, Uses};
 use super::{BadLog, Kind, Series, Split, unit};
 
-/// Values of the measured errors in one log that no sensor measured.
+/// Implausible values of the measured errors in one log.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Implausible {
-    /// Line numbers of these values, in ascending order. The key is the name of the column.
+    /// Line numbers of these values, in ascending order. The map key is the name of the column.
     pub lines: HashMap<String, Vec<u64>>,
     /// Remarks with file, line and value.
     pub remarks: Vec<String>,
 }
 
-/// Finds the implausible values in the columns `split.displacements` of a log. If this function cannot read a log, the
-/// result contains a remark, because `isotherm replay` may read it nevertheless.
+/// Finds the implausible values in the columns `split.displacements` of a log. If the log cannot be read here, the
+/// result contains a remark instead, because `isotherm replay` may still be able to read it.
 ///
 /// # Errors
 /// A column has too many implausible values.
@@ -35,7 +35,7 @@ pub(super) fn in_file(
         Ok(mut table) => leave_out(&mut table, split, units),
         Err(BadLog(why)) => {
             let why = why.first().map(String::as_str).unwrap_or_default();
-            let remark = format!("implausible values of the measured error were not searched: {why}");
+            let remark = format!("the measured error was not searched for implausible values: {why}");
             Ok(Implausible { remarks: vec![remark], ..Implausible::default() })
         }
     }

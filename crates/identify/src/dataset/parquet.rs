@@ -1,10 +1,10 @@
-//! Logs in Parquet files. The columns are those of CSV; times are seconds, text or time stamps.
+//! Reader of logs in Parquet files. The columns are the same as in a CSV log. Times are seconds, texts or time stamps.
 //!
 //! ```text
 //! metadata: rows × columns, pages ── within the limits? ── column by column into the table
 //! ```
-//! The metadata of a file of some kilobytes can state gigabytes. Therefore all sizes are checked before anything is
-//! decompressed. The Parquet library may panic, so panics are caught while the file is read.
+//! A file of some kilobytes can claim in its metadata that it contains gigabytes. Therefore all sizes are checked
+//! before anything is decompressed. The Parquet library may panic, so panics are caught while the file is read.
 
 use std::fs::File;
 use std::path::Path;
@@ -29,11 +29,11 @@ use isotherm_profile::safe_file::quoted;
 mod pages;
 mod thrift;
 
-/// Maximum memory of the numbers, as a multiple of the file size.
+/// Maximum size of the numbers in memory, as a multiple of the file size.
 const PER_BYTE: u64 = 10;
-/// Number of bytes that the numbers of any file may use, in addition to the multiple of the file size.
+/// Size of the numbers in memory that is always allowed, bytes. The multiple of the file size is added to it.
 const AT_LEAST: u64 = 96_000_000;
-/// Maximum number of date changes in a file: more than two hundred years of days.
+/// Maximum number of date changes in a file. One change per day would be more than two hundred years.
 const MOST_DATES: usize = 100_000;
 /// Number of values that are decoded in one step.
 const BATCH: usize = 8192;
@@ -44,7 +44,7 @@ pub(super) fn read(file: &Path, split: &Split, uses: Uses<'_>) -> Result<Table, 
     let refused = |why: String| BadLog(vec![format!("{}: {why}", file.display())]);
     beyond(|| from_file(file, opened, split, uses)).unwrap_or_else(|_| {
         Err(refused(
-            "this is no readable Parquet file: the reader failed; write the file again, or write it as CSV"
+            "the file cannot be read as Parquet: the reader failed. Write the file again, or write it as CSV"
                 .to_owned(),
         ))
     })
@@ -54,8 +54,8 @@ fn from_file(path: &Path, file: File, split: &Split, uses: Uses<'_>) -> Result<T
     let refused = |why: String| BadLog(vec![format!("{}: {why}", path.display())]);
     let length = file.metadata().map_err(|why| files::cannot_be_read(path, &why))?.len();
     let again = file.try_clone().map_err(|why| files::cannot_be_read(path, &why))?;
-    let reader =
-        SerializedFileReader::new(file).map_err(|why| refused(format!("this is no Parquet file: {why}")))?;
+    let reader = SerializedFileReader::new(file)
+        .map_err(|why| refused(format!("the file is not a Parquet file: {why}")))?;
     let columns = reader.metadata().file_metadata().schema_descr().columns().to_vec();
     if columns.len() > MOST_COLUMNS {
         return Err(refused(format!(
@@ -94,7 +94,7 @@ fn from_file(path: &Path, file: File, split: &Split, uses: Uses<'_>) -> Result<T
     table.finish((1, "there are no rows"))
 }
 
-/// Returns the name of a column. For a value in a nested structure, the name is the whole path.
+/// Returns the name of a column. For a value inside a nested structure, the name is the whole path of the value.
 fn name(column: &ColumnDescPtr) -> String {
     if is_plain(column) { column.name().to_owned() } else { column.path().string() }
 }
@@ -104,9 +104,9 @@ fn is_plain(column: &ColumnDescPtr) -> bool {
     column.path().parts().len() == 1 && column.max_rep_level() == 0
 }
 
-/// Reason why reading of a column stopped.
+/// Reason why the reader stopped reading a column.
 enum Stopped {
-    /// Error that is already a message in the table.
+    /// Error whose message was already added to the table.
     Told,
     Wrong(String),
 }
@@ -127,7 +127,7 @@ impl From<ParquetError> for Stopped {
 
 struct Opened {
     reader: SerializedFileReader<File>,
-    /// The same file, opened a second time to check its pages.
+    /// Second handle of the same file, for the check of its pages.
     again: File,
     length: u64,
 }
@@ -137,7 +137,7 @@ impl Opened {
         self.reader.metadata().row_groups()
     }
 
-    /// Rejects a file that contains more numbers than its size allows.
+    /// Rejects a file whose numbers would need more memory than the file size allows.
     fn check_size(&self, table: &Reader) -> Result<(), String> {
         let rows = self.groups().iter().try_fold(0u64, |rows, group| {
             u64::try_from(group.num_rows()).ok().and_then(|more| rows.checked_add(more))
@@ -149,8 +149,8 @@ impl Opened {
         if needed > limit {
             let million = |bytes: u64| bytes.div_ceil(1_000_000);
             return Err(format!(
-                "{rows} rows of {columns} columns take {} MB, but from a file of {} MB at most {} MB are read. \
-                 Write fewer rows or columns, or write CSV",
+                "{rows} rows of {columns} columns would need {} MB of memory. For a file of {} MB, at most {} \
+                 MB are allowed. Write fewer rows or columns, or write the log as CSV",
                 million(needed),
                 million(self.length),
                 million(limit)
@@ -159,8 +159,8 @@ impl Opened {
         Ok(())
     }
 
-    /// Reads one column of all row groups into the table. If the column contains the times, and another column the
-    /// dates, `dates` contains the dates of the rows.
+    /// Reads one column of all row groups into the table. `dates` contains the dates of the rows if this column
+    /// contains the times and another column contains the dates.
     fn read(
         &self,
         column: &ColumnDescPtr,
@@ -170,9 +170,12 @@ impl Opened {
         let is_time = place == table.time_at();
         if !is_plain(column) {
             if is_time {
-                return Err(Stopped::Wrong("this column needs one value in each row".to_owned()));
+                return Err(Stopped::Wrong("this column must have one value in each row".to_owned()));
             }
-            table.is_text(place, "its values are nested, and one value in each row is needed");
+            table.is_text(
+                place,
+                "the values of this column are nested, but it must have one value in each row",
+            );
             return Ok(());
         }
         if is_time && let Some(stamps) = Stamps::of(column) {
@@ -191,7 +194,11 @@ impl Opened {
                 if is_time || table.needs_words(place) {
                     return Err(Stopped::Wrong(DELTAS.to_owned()));
                 }
-                table.is_text(place, "it contains delta-encoded texts, which are not supported");
+                table.is_text(
+                    place,
+                    "the texts of this column are delta-encoded (stored as differences), which is not \
+                     supported",
+                );
                 return Ok(());
             }
             let rows = usize::try_from(metadata.num_rows()).unwrap_or(usize::MAX);
@@ -206,11 +213,11 @@ impl Opened {
         Ok(())
     }
 
-    /// Reads the dates of all rows.
+    /// Reads the dates of all rows from the date column.
     fn dates(&self, column: &ColumnDescPtr, place: usize) -> Result<Dates, Stopped> {
         let mut dates = Dates::default();
         if !is_plain(column) {
-            return Err(Stopped::Wrong("this column needs one date in each row".to_owned()));
+            return Err(Stopped::Wrong("this column must have one date in each row".to_owned()));
         }
         let mut number = 0;
         for (group, metadata) in self.groups().iter().enumerate() {
@@ -228,7 +235,7 @@ impl Opened {
                 dates.push(number, &value);
                 match dates.changes.len() > MOST_DATES {
                     true => Err(Stopped::Wrong(format!(
-                        "more than {MOST_DATES} dates: is this a column of dates?"
+                        "more than {MOST_DATES} changes of the date: does this column really contain dates?"
                     ))),
                     false => Ok(()),
                 }
@@ -251,11 +258,12 @@ impl Opened {
     }
 }
 
-/// Error message about delta-encoded texts in a column that is needed.
+/// Error message about delta-encoded texts (each stored as the difference from the previous text) in a column that is
+/// needed.
 const DELTAS: &str = "the texts of this column are stored as differences, which is not supported: write them plain or with a \
                       dictionary";
 
-/// Dates of the rows of a file. A date is stored only where it changes.
+/// Dates of the rows of a file. A date is stored only for rows in which it changes.
 #[derive(Debug, Default)]
 struct Dates {
     changes: Vec<(u64, String)>,
@@ -278,7 +286,7 @@ impl Dates {
     }
 }
 
-/// Stores a value in the table. `dates` adds the date to a time of day.
+/// Adds a value to the table. If the value is a time of day, `dates` gives its date.
 fn take(
     table: &mut Reader,
     (place, row): (usize, u64),
@@ -312,7 +320,7 @@ enum Value<'v> {
     Text(&'v str),
 }
 
-/// Cells of one column in one row group.
+/// Reader of the cells of one column in one row group.
 struct Cells<'c> {
     column: &'c ColumnDescPtr,
     rows: usize,
@@ -389,7 +397,7 @@ impl Cells<'_> {
             let (records, ..) = reader.read_records(left.min(BATCH), there, None, &mut values)?;
             if records == 0 {
                 return Err(Stopped::Wrong(format!(
-                    "this column ends {left} rows too early: write the file again"
+                    "this column has {left} rows fewer than the file states: write the file again"
                 )));
             }
             left -= records;
@@ -419,7 +427,7 @@ fn text(field: &Field) -> String {
     }
 }
 
-/// Time stamps of a column whose type states their unit.
+/// Time stamps of a column whose type states their time unit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Stamps {
     /// Number of nanoseconds in one unit of the time stamps.

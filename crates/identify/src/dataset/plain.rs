@@ -1,7 +1,8 @@
-//! Conversion of any log to CSV in UTF-8 that begins with the column names, for the row reader of `isotherm replay`.
+//! Conversion of any log to CSV in UTF-8, for the row reader of `isotherm replay`. The first line of the result
+//! contains the column names.
 //!
-//! Therefore `isotherm replay` reads the same encodings, and the same lines of a logger before the column names, as
-//! `isotherm identify`.
+//! Therefore `isotherm replay` and `isotherm identify` accept the same logs: the same encodings, and the same
+//! additional lines before the column names.
 
 use std::collections::HashMap;
 use std::io::{self, BufRead, BufReader, Cursor, Read, Write};
@@ -13,31 +14,33 @@ use super::tidy::Tidy;
 use super::{BadLog, Implausible, Series, Split, decode, files, head, measured, spaced, steps};
 use isotherm_core::quantity::{Dialect, TimeColumns, names_and_units, time};
 
-/// Number of bytes in which the column names are searched, as in [`head::start`].
+/// Maximum number of bytes before the end of the line with the column names, as in [`head::start`].
 const LONGEST_HEAD: u64 = 1 << 16;
 
 /// Log as CSV in UTF-8.
 pub struct PlainLog {
     /// Text of the log. The first line contains the names of the columns, with the units from a second header line.
     pub input: Box<dyn Read>,
-    /// Whether the log file is CSV. If it is not, `input` has decimal points and times in UTC.
+    /// Whether the log file is CSV. If the log file has another format, the program wrote `input` with decimal points
+    /// and times in UTC.
     pub is_csv: bool,
     /// Cells of the first rows.
     pub first_rows: Vec<Vec<String>>,
-    /// Number of lines of the file before the column names, and between the column names and the first row. `input`
-    /// does not contain these lines.
+    /// Two numbers of lines of the file that `input` does not contain: the lines before the column names, and the lines
+    /// between the column names and the first row.
     pub left_out: [u64; 2],
-    /// Values of the columns `split.displacements` that no sensor measured. If the file is not CSV, these values are
-    /// empty cells in `input`, and no lines are given here.
+    /// Implausible values (not measured by the sensor) in the columns `split.displacements`. If the file is not CSV,
+    /// these values are empty cells in `input`, and the list of lines is empty.
     pub implausible: Implausible,
 }
 
 /// Reads any log that [`Dataset::read`](super::Dataset::read) reads. `input` is the opened file. If the file is not
-/// CSV, only the columns that are used are read, without texts.
+/// CSV, only the used columns are converted, without columns of texts.
 ///
 /// # Errors
-/// - Those of [`Dataset::read`](super::Dataset::read) for this file, except those in a row of a CSV log.
-/// - A column of `split.displacements` has too many values that no sensor measured.
+/// - The errors of [`Dataset::read`](super::Dataset::read) for this file. Errors in the rows of a CSV log are not
+///   detected here.
+/// - A column of `split.displacements` has too many implausible values.
 pub fn plain_log(
     file: &Path,
     input: impl Read + 'static,
@@ -71,8 +74,8 @@ pub fn plain_log(
     }
 }
 
-/// Reads CSV in any encoding of a logger, without the lines around the column names. Also returns the column names with
-/// their units. `None` if the log is in long format, with one row for each value.
+/// Reads a CSV log in any encoding of a logger. Leaves out the additional lines before and after the column names. Also
+/// returns the column names with their units. `None` if the log is in long format, with one row for each value.
 fn plain_csv(input: impl Read + 'static, split: &Split) -> io::Result<Option<(PlainLog, Vec<String>)>> {
     let (decoded, _) = decode::utf8(input)?;
     let (head, rest) = head::start(spaced::columns(decoded)?)?;
@@ -105,7 +108,7 @@ fn plain_csv(input: impl Read + 'static, split: &Split) -> io::Result<Option<(Pl
     Ok(Some((PlainLog { input, is_csv: true, first_rows, left_out, implausible }, names)))
 }
 
-/// Returns the line with the names of the columns and their units.
+/// Returns a CSV line with the names of the columns and their units.
 fn with_units(names: &[String], units: &[String], separator: u8) -> Vec<u8> {
     let cell = |(place, name): (usize, &String)| {
         let unit = units.get(place).filter(|unit| !unit.is_empty() && !name.is_empty());
@@ -271,6 +274,9 @@ mod tests {
         let said = found_in(|row| (row % 10 == 5).then_some("999.9")).unwrap_err().to_string();
         assert!(said.contains("more than 5 % of the values"), "{said}");
         let said = found_in(|row| (row == 40).then_some("hot")).unwrap().remarks.join("; ");
-        assert!(said.contains("were not searched") && said.contains("`hot` is no number"), "{said}");
+        assert!(
+            said.contains("was not searched for implausible values") && said.contains("`hot` is no number"),
+            "{said}"
+        );
     }
 }

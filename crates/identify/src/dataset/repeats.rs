@@ -1,7 +1,8 @@
-//! Runs that contain the same minutes: copies of a file, one day in two formats, and files that overlap in time.
+//! Finds runs that contain the same minutes. Examples are a copied file, one day in two file formats, and files that
+//! overlap in time.
 //!
-//! A model is tested on runs that were not used to identify it. If two runs contain the same minutes, that test shows
-//! nothing.
+//! A model is tested on runs that were not used to identify it. If two runs contain the same minutes, the result of
+//! that test is worthless. The content of a row is all its values without the time.
 
 use std::collections::{HashMap, HashSet};
 use std::hash::{DefaultHasher, Hash, Hasher};
@@ -13,24 +14,26 @@ use isotherm_core::quantity::{Moment, time};
 /// Maximum number of rows of all runs that are compared. If there are more, only a sample is compared. The choice of
 /// the sample depends only on the content of the rows.
 const MOST_ROWS: usize = 400_000;
-/// Minimum share of the shorter run's rows that must occur in the other run in the same order.
+/// Minimum share of the rows of the shorter run that must occur in the other run, in the same order, so that it counts
+/// as a copy.
 const LEAST_SHARE: f64 = 0.5;
-/// Minimum number of different row contents that two runs must share. Fewer rows may be equal by chance.
+/// Minimum number of different row contents that two runs must have in common. Fewer rows may be equal by chance.
 const LEAST_ROWS: usize = 20;
-/// Maximum number of runs in which a row content may occur. Content that occurs in more runs is usual for the machine,
-/// and is not compared.
+/// Maximum number of runs in which a row content may occur. A content that occurs in more runs is not compared, because
+/// it is usual for the machine.
 const MOST_RUNS_OF_A_CONTENT: usize = 64;
-/// Maximum number of rows of one run that have the same content and are compared. A cold machine has many such rows.
+/// Maximum number of rows with the same content that are compared in one run. A cold machine has many such rows.
 const MOST_ROWS_OF_A_CONTENT: usize = 32;
-/// Maximum number of runs that are compared in pairs, and maximum number of rows that are compared in each pair.
+/// Maximum number of runs for the comparison in pairs, and maximum number of rows that are compared in each pair.
 const MOST_PAIRED: (usize, usize) = (200, 200);
-/// Minimum share of the rows of a pair of runs that must be equal except for rounding.
+/// Minimum share of the compared rows of two runs that must be equal except for rounding.
 const LEAST_ROUNDED: f64 = 0.9;
-/// Earliest time that is a date, s since 1970 (in the year 1990). An earlier time counts from the start of a log.
+/// Smallest time that counts as a date, s since 1970; it is in the year 1990. A smaller time counts from the start of a
+/// log.
 const FIRST_DATE: u64 = 631_152_000;
 
-/// Returns a sentence for each pair of runs that contains the same minutes. `is_measured` returns whether the values of
-/// a column were measured. Other columns contain values that a program calculated, which may be equal on several days.
+/// Returns a sentence for each pair of runs that contains the same minutes. `is_measured` decides whether the values of
+/// a column were measured. Calculated columns are not compared, because they may be equal on several days.
 pub(super) fn find(runs: &[Run], is_measured: &dyn Fn(usize) -> bool) -> Vec<String> {
     if runs.len() < 2 {
         return Vec::new();
@@ -47,8 +50,8 @@ pub(super) fn find(runs: &[Run], is_measured: &dyn Fn(usize) -> bool) -> Vec<Str
         let last = runs[one].times.last().min(runs[other].times.last());
         let (from, to) = (runs[other].times.first().copied(), last.copied());
         found.push(format!(
-            "{} ({}) and {} ({}) overlap in time, from {} to {}. The same minutes would be used to identify the model \
-             and to test it. Leave one of them out, or cut one of them",
+            "{} ({}) and {} ({}) overlap in time, from {} to {}. The same minutes would be used to identify \
+             the model and to test it. Leave one of these runs out, or cut off the common rows of one run",
             runs[one].name,
             runs[one].file.display(),
             runs[other].name,
@@ -60,13 +63,13 @@ pub(super) fn find(runs: &[Run], is_measured: &dyn Fn(usize) -> bool) -> Vec<Str
     found
 }
 
-/// Two runs with the same rows.
+/// Two runs that contain the same rows.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Copied {
     /// Run that was read first.
     first: usize,
     second: usize,
-    /// Share of the shorter run's compared rows that are equal.
+    /// Equal rows as a share of the compared rows of the shorter run.
     share: f64,
 }
 
@@ -82,7 +85,8 @@ impl Copied {
             false => format!("has {:.0} % of its rows in common with", 100.0 * self.share),
         };
         format!(
-            "{} ({}) {how} {} ({}): a copy would be used to identify the model and to test it. Leave one of them out",
+            "{} ({}) {how} {} ({}): the same rows would be used to identify the model and to test it. Leave \
+             one of these runs out",
             second.name,
             second.file.display(),
             first.name,
@@ -91,8 +95,8 @@ impl Copied {
     }
 }
 
-/// Distance between two equal rows of different runs. It is counted in rows, or in time if one of the runs lacks some
-/// rows of the other run.
+/// Distance between two equal rows of different runs. It is a number of rows, or a time if one run lacks some rows of
+/// the other run.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 enum Distance {
     Rows(i64),
@@ -156,9 +160,8 @@ fn copies(runs: &[Run], columns: &[usize]) -> Vec<Copied> {
     found
 }
 
-/// Returns the pairs of runs with the same values at the same times since their first rows, if the values of one run
-/// were rounded. An example is one day as CSV and as Parquet. `known` contains the copies that were found by their
-/// content.
+/// Returns the pairs of runs with the same values except for rounding, at the same times since their first rows. An
+/// example is one day as CSV and as Parquet. `known` contains the copies that were found by their content.
 fn rounded_copies(runs: &[Run], columns: &[usize], known: &[Copied]) -> Vec<Copied> {
     let (most_runs, most_rows) = MOST_PAIRED;
     let mut found: Vec<Copied> = Vec::new();
@@ -242,8 +245,8 @@ fn common_columns(runs: &[Run]) -> Vec<usize> {
     (0..columns).filter(is_common).collect()
 }
 
-/// Returns the hash of the values and the index of each row. Rows without values are left out. Only one of `one_of`
-/// rows is returned; the hash selects it.
+/// Returns a hash of the values of each row, with the index of the row. Rows without values are left out. To select a
+/// sample, only about one of `one_of` rows is returned, depending on its hash.
 fn hashes(run: &Run, columns: &[usize], one_of: u64) -> Vec<(u64, usize)> {
     let hash = |row: usize| {
         let mut hasher = DefaultHasher::new();
@@ -265,8 +268,8 @@ fn hashes(run: &Run, columns: &[usize], one_of: u64) -> Vec<(u64, usize)> {
     rows.filter(|(hash, _)| hash.is_multiple_of(one_of) && is_compared(*hash)).collect()
 }
 
-/// Returns the bits of a value after rounding. They are equal for decimal text and for a four-byte binary number of the
-/// same value.
+/// Returns the bits of a value after rounding to three decimals. A value from decimal text and from a four-byte
+/// binary number then have the same bits.
 fn rounded(value: f64) -> u64 {
     let rounded = (value * 1000.0).round() / 1000.0;
     // Negative zero has other bits.

@@ -1,4 +1,5 @@
-//! One run (a warm-up of the machine) as log columns of numbers.
+//! One run: a warm-up of the machine, as log columns of numbers. Errors and rises are counted from its datum (zero
+//! point).
 
 use std::path::PathBuf;
 use std::time::Duration;
@@ -10,8 +11,8 @@ use isotherm_core::quantity::Moment;
 /// One warm-up of the machine, with the log rows from the cold machine to the end.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Run {
-    /// Name of the file without extension. If the file was split, a number or the value of the splitting column
-    /// follows.
+    /// Name of the file without extension. If the file contains several runs, a number or the value of the dividing
+    /// column follows.
     pub name: String,
     /// File of the run.
     pub file: PathBuf,
@@ -19,29 +20,29 @@ pub struct Run {
     pub times: Vec<Moment>,
     /// Values by log column and row; NaN if missing.
     pub values: Vec<Series>,
-    /// Datums (zero points) of the run that the log contains, and the source of the errors and times.
+    /// Datums (zero points) that the log of the run states, and the source of its errors and times.
     pub(crate) origin: Origin,
 }
 
-/// Datums (zero points) of a run: rows from which the errors and rises are counted. Also the source of the errors and
-/// times of the run.
+/// Datums (zero points) that the log of a run states: rows from which the errors and rises are counted. This structure
+/// also states how the errors and times were recorded.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Origin {
     /// Rows directly after a zero command, ascending, each with the axis of the command; `None` for all axes. Only logs
     /// of the gateway contain zero commands.
     pub(crate) zeros: Vec<(usize, Option<String>)>,
-    /// Whether the machine was already on before the first row, according to a gateway log. The references were then
-    /// captured in an earlier file.
+    /// Whether the machine was already on before the first row, according to a gateway log. In this case, the gateway
+    /// captured the references during an earlier file.
     pub(crate) continues: bool,
     /// Source of the measured errors.
     pub(crate) errors: Errors,
-    /// Whether the run is the last one of a record of touches. Later logs may then add touches to the run.
+    /// Whether the run is the last run of a record of touches. Logs that are recorded later may add touches to it.
     pub(crate) is_open: bool,
-    /// Whether the times are numbers from the start of the log, and nothing states their unit.
+    /// Whether the times are numbers from the start of the log whose unit is not stated. They are read as seconds.
     pub(crate) is_unit_assumed: bool,
 }
 
-/// Source of the measured errors of a run.
+/// Source of the measured errors of a run: a sensor, or touches of a probe.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) enum Errors {
     /// A sensor measured the error in each row. The errors are counted from their mean while the references settle.
@@ -58,7 +59,7 @@ pub(crate) enum Datum {
     Start,
     /// The error is zero at the zero command directly before this row. The rises are counted from this row, too.
     Zero(usize),
-    /// The error is zero at the first touch at or after this row, because the log has no datum. The rises are counted
+    /// The log has no datum, so the error counts as zero at the first touch at or after this row. The rises are counted
     /// from the row of that touch, too.
     Touch(usize),
 }
@@ -81,12 +82,12 @@ impl Run {
         self.times.iter().map(move |time| time.since(first).as_secs_f64())
     }
 
-    /// Returns the range (maximum minus minimum) of a log column in this run; 0 if the column has no values.
+    /// Returns the range (maximum minus minimum) of a log column in this run; 0 if the column has no values in the run.
     pub(crate) fn range(&self, column: usize) -> f64 {
         range(&self.values[column])
     }
 
-    /// Returns the first row of the run that may be the datum (zero point) of the touches; `None` if the error was
+    /// Returns the index of the first row that may be the datum (zero point) of the touches; `None` if the error was
     /// measured row by row.
     pub(crate) fn datum(&self) -> Option<usize> {
         match self.origin.errors {
@@ -101,7 +102,7 @@ impl Run {
         matches!(self.origin.errors, Errors::Touched(_))
     }
 
-    /// Returns the duration of the run: from its first log row to its last.
+    /// Returns the duration of the run, from its first log row to its last log row.
     pub fn lasts(&self) -> Duration {
         match (self.times.first(), self.times.last()) {
             (Some(first), Some(last)) => last.since(*first),

@@ -1,50 +1,50 @@
-//! Numbers of a log column in compressed form. Most logs have numbers with few decimals, and a quantity changes little
-//! within some minutes.
+//! Numbers of a log column in compressed form. Most numbers of a log are multiples of a decimal step, for example 0.1.
+//! A quantity changes little within some minutes, so its multiples need few bits.
 
 use std::fmt;
 use std::ops::Range;
 
 use crate::statistics::least_and_most;
 
-/// Number of rows that are packed into one block.
+/// Number of rows in one compressed block.
 const ROWS: usize = 1024;
-/// Numbers of decimal steps in 1, for values with 0 to 6 decimals.
+/// Number of decimal steps in 1, for numbers with 0 to 6 decimals: a step of 0.1 is ten steps in 1.
 const STEPS: [f64; 7] = [1.0, 1e1, 1e2, 1e3, 1e4, 1e5, 1e6];
-/// Limit of the packed multiples, 2^52. Below it, the difference of two multiples is exact.
+/// Limit of the multiples that can be packed, 2^52. Below this limit, the difference of two multiples is exact.
 const LIMIT: f64 = 4_503_599_627_370_496.0;
 
 /// Numbers of a log column by row; NaN if missing. Each number is stored exactly.
 #[derive(Clone, Default)]
 pub struct Series {
-    /// Blocks of [`ROWS`] rows each.
+    /// Compressed blocks of [`ROWS`] rows each.
     blocks: Vec<Block>,
-    /// Rows after the last block.
+    /// Uncompressed numbers of the rows after the last block.
     rest: Vec<f64>,
 }
 
 #[derive(Clone)]
 enum Block {
     Packed(Packed),
-    /// Numbers that are no multiples of a decimal step, for example because their unit was converted.
+    /// Numbers that are not multiples of a decimal step, for example because their unit was converted.
     Plain(Box<[f64]>),
 }
 
 /// Numbers that are multiples of a decimal step.
 #[derive(Clone)]
 struct Packed {
-    /// Smallest multiple in the block.
+    /// Smallest multiple (number divided by the decimal step) in the block.
     least: f64,
     /// Number of decimal steps in 1.
     steps: f64,
-    /// Number of bits for each row.
+    /// Number of bits in `words` for each row.
     width: usize,
-    /// Bits of all rows. The code of a row is 0 if the number is missing, otherwise 1 plus the distance from the
-    /// smallest multiple. One additional word is at the end, so that any row can be read from two words.
+    /// Codes of all rows as bits. The code of a row is 0 if the number is missing, otherwise 1 plus the distance from
+    /// the smallest multiple. At the end is one additional word, so that each row can be read from two words.
     words: Box<[u64]>,
 }
 
 impl Series {
-    /// Creates a series without any number.
+    /// Creates a series of `rows` rows in which every number is missing.
     pub(crate) fn missing(rows: usize) -> Series {
         (0..rows).map(|_| f64::NAN).collect()
     }
@@ -79,24 +79,24 @@ impl Series {
         }
     }
 
-    /// Returns the numbers of all rows.
+    /// Returns an iterator over the numbers of all rows.
     pub fn iter(&self) -> Numbers<'_> {
         self.within(0..self.len())
     }
 
-    /// Returns the numbers of these rows.
+    /// Returns an iterator over the numbers of these rows.
     pub(crate) fn within(&self, rows: Range<usize>) -> Numbers<'_> {
         Numbers { series: self, rows }
     }
 
-    /// Changes the numbers of all rows with the function `change`.
+    /// Calls the function `change` with the numbers of all rows, and stores the changed numbers.
     pub fn change(&mut self, change: impl FnOnce(&mut [f64])) {
         let mut numbers = self.to_vec();
         change(&mut numbers);
         *self = numbers.into();
     }
 
-    /// Returns the numbers of all rows.
+    /// Returns the numbers of all rows as a vector.
     pub fn to_vec(&self) -> Vec<f64> {
         self.iter().collect()
     }
@@ -147,7 +147,7 @@ impl Packed {
     }
 }
 
-/// Returns the multiple of a decimal step that is nearest to a number. Zero has no sign.
+/// Returns the multiple of a decimal step that is nearest to a number. The multiple zero never has a minus sign.
 fn multiple(number: f64, steps: f64) -> f64 {
     (number * steps).round() + 0.0
 }

@@ -1,4 +1,5 @@
-//! Logs whose columns are separated by blanks, as in tables of fixed width. They are read as columns separated by tabs.
+//! Reader of logs whose columns are separated by blanks, as in tables of fixed width. The blanks between columns are
+//! replaced by tabs.
 
 use std::io::{self, BufRead, BufReader, Cursor, Read};
 
@@ -6,11 +7,11 @@ use super::head;
 use super::text_reader::{Begun, Convert, TextReader};
 use isotherm_core::quantity::TimeColumns;
 
-/// Number of bytes at the start of a log in which the column names are searched.
+/// Number of bytes at the start of a log in which the line with the column names must be.
 const SAMPLE: u64 = 1 << 16;
 /// Maximum length of a line, bytes. A longer line is returned unchanged.
 const LONGEST_LINE: u64 = 1 << 20;
-/// Number of rows from which the kind of separation is detected.
+/// Number of rows from which the reader detects how the columns are separated.
 const COMPARED: usize = 50;
 
 /// Reader of a text whose columns are separated by one character. A text whose columns are separated by blanks is
@@ -34,7 +35,7 @@ struct Layout {
     width: usize,
     /// Index of the column with the time.
     time: usize,
-    /// Smallest number of blanks between two columns. With 2, a name may contain a blank.
+    /// Minimum number of blanks between two columns. If it is 2, a column name may contain a single blank.
     blanks: usize,
 }
 
@@ -59,7 +60,8 @@ pub(super) fn columns<R: Read>(mut input: R) -> io::Result<Columns<R>> {
 }
 
 impl Layout {
-    /// Finds the layout of a log. `None` if the columns are not separated by blanks, or if no line has column names.
+    /// Finds the layout of a log. `None` if its columns are not separated by blanks, or if no line contains column
+    /// names.
     fn of(lines: &[&str]) -> Option<Layout> {
         if head::names_at(lines).is_some() {
             return None;
@@ -69,8 +71,8 @@ impl Layout {
         found.reduce(|one, other| if other.1 > one.1 { other } else { one }).map(|(layout, _)| layout)
     }
 
-    /// Finds the column names if at least `blanks` blanks are between two columns. Also returns the number of rows that
-    /// fit this layout.
+    /// Finds the line with the column names, if at least `blanks` blanks separate two columns. Also returns the number
+    /// of rows that fit this layout. `None` if no line contains column names.
     fn with(lines: &[&str], blanks: usize) -> Option<(Layout, usize)> {
         let tabbed: Vec<String> = lines.iter().map(|line| names(line, blanks).join("\t")).collect();
         let tabbed: Vec<&str> = tabbed.iter().map(String::as_str).collect();
@@ -84,7 +86,8 @@ impl Layout {
         (fitting > 0).then_some((layout, fitting))
     }
 
-    /// Returns the cells of a row. A date and the time of day after it are one cell if the row has too many cells.
+    /// Returns the cells of a row. If the row has too many cells, a date and the time of day after it are joined to one
+    /// cell.
     fn row(&self, line: &str) -> Vec<String> {
         let found = cells(line, self.blanks);
         let more = found.len().saturating_sub(self.width);
@@ -105,7 +108,7 @@ impl Layout {
         whole.map(str::to_owned).collect()
     }
 
-    /// Returns the line with this index, with tabs between the columns.
+    /// Returns the line with this index, with tabs instead of blanks between the columns.
     fn tabbed(&self, index: usize, line: &str) -> String {
         match index == self.names {
             true => names(line, self.blanks).join("\t"),
@@ -120,7 +123,7 @@ fn is_date(cell: &str) -> bool {
     marks == 2 && cell.starts_with(|first: char| first.is_ascii_digit())
 }
 
-/// Returns whether a cell names a half of the day (AM or PM).
+/// Returns whether a cell is AM or PM.
 fn is_half(cell: &str) -> bool {
     ["am", "pm", "a.m.", "p.m."].iter().any(|half| cell.eq_ignore_ascii_case(half))
 }

@@ -1,4 +1,5 @@
-//! Division of log files into runs: one run for each file, or a new run at each change of a column or after a gap.
+//! Division of log files into runs. Each file is one run, or a new run begins at each change of a column or after a
+//! gap.
 
 use std::collections::HashMap;
 use std::ops::Range;
@@ -13,15 +14,15 @@ use super::table::{Cells, Table};
 use super::{BadLog, Refusal, Run, Series};
 use isotherm_core::quantity::{DateOrder, DecimalMark, TimeUnit};
 
-/// Maximum number of runs. A column with more changes does not identify runs.
+/// Maximum number of runs. A column with more changes is not suitable to divide a log into runs.
 const MOST_RUNS: usize = 10_000;
 
 /// Settings for the division of log files into runs.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Split {
-    /// Name of the column whose changes begin a new run; `None` if no column divides runs.
+    /// Name of the column whose changes begin a new run; `None` if no column divides the logs into runs.
     pub column: Option<String>,
-    /// Time without a row after which a new run begins; `None` if gaps do not divide runs.
+    /// Minimum time without a row after which a new run begins; `None` if gaps do not divide the logs into runs.
     pub gap: Option<Duration>,
     /// Time zone of times without an offset from UTC. Without a time zone, such times are rejected.
     pub zone: Option<TimeZone>,
@@ -31,17 +32,17 @@ pub struct Split {
     pub dates: Option<DateOrder>,
     /// Unit of times that are numbers; `None` if the name of the time column states it.
     pub time_unit: Option<TimeUnit>,
-    /// Names of columns that are displacements, even if their names and units do not show it.
+    /// Names of columns that are displacements, even if neither name nor unit shows this.
     pub displacements: Vec<String>,
 }
 
-/// Runs of all files, without the values that no sensor measured.
+/// Runs of all files. Implausible values, which no sensor measured, are removed from them.
 #[derive(Debug, Default)]
 pub(super) struct Divided {
     pub(super) runs: Vec<Run>,
-    /// Remarks about the values that were left out.
+    /// Remarks about the implausible values that were removed.
     pub(super) remarks: Vec<String>,
-    /// Columns with too many values that no sensor measured.
+    /// Columns with too many implausible values.
     pub(super) refused: Vec<Refusal>,
 }
 
@@ -102,8 +103,9 @@ fn of_table(mut table: Table, names: &[String], split: &Split, kind: KindOf<'_>)
         let back = (rows.start + 1..rows.end).find(|row| table.times[*row] < table.times[row - 1]);
         if let Some(back) = back {
             wrong.push(format!(
-                "{}, line {}: the time goes back; sort the rows, give each run its own file, or name the column \
-                 that distinguishes runs with --run-column",
+                "{}, line {}: the time of this row is earlier than that of the row before. Sort the rows, \
+                 write each run to its own file, or name the column that distinguishes the runs with \
+                 --run-column",
                 table.file.display(),
                 table.lines.of(back)
             ));
@@ -116,7 +118,7 @@ fn of_table(mut table: Table, names: &[String], split: &Split, kind: KindOf<'_>)
     Ok(Divided { runs, remarks, refused })
 }
 
-/// Returns the range of rows of each run, in order.
+/// Returns the range of table rows of each run, in order.
 fn parts(table: &Table, labels: Option<&Labels<'_>>, split: &Split) -> Result<Vec<Range<usize>>, BadLog> {
     let ends = |row: &usize| {
         labels.is_some_and(|labels| !labels.are_alike(row - 1, *row))
@@ -139,7 +141,7 @@ fn parts(table: &Table, labels: Option<&Labels<'_>>, split: &Split) -> Result<Ve
     Ok(parts)
 }
 
-/// Creates the run of these rows. If the run is the whole table, the columns are moved out of the table instead of
+/// Creates a run from these rows. If the run is the whole table, the columns are moved out of the table instead of
 /// copied.
 fn run(table: &mut Table, names: &[String], name: String, rows: Range<usize>) -> Run {
     let zeros = table.zeros.iter().filter(|(row, _)| rows.contains(row));
@@ -174,7 +176,7 @@ fn run(table: &mut Table, names: &[String], name: String, rows: Range<usize>) ->
     Run { name, file: table.file.clone(), times: table.times[rows.clone()].to_vec(), values, origin }
 }
 
-/// Values of the column by which a log is divided into runs, one for each log row.
+/// Texts or numbers of the column by which a log is divided into runs, one for each log row.
 enum Labels<'t> {
     Words(Vec<&'t str>),
     Numbers(&'t Series),
@@ -206,7 +208,7 @@ fn labels<'t>(table: &'t Table, name: &str) -> Result<Labels<'t>, BadLog> {
         None => {
             let known: Vec<&str> = table.columns.iter().map(|(name, _)| name.as_str()).collect();
             Err(BadLog(vec![format!(
-                "{}: there is no column {name} to split the file by; there are {}",
+                "{}: there is no column {name}, by which the file is to be divided into runs; there are {}",
                 table.file.display(),
                 known.join(", ")
             )]))

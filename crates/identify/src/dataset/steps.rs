@@ -1,27 +1,29 @@
-//! Check of times that are numbers without a unit, by the steps between them. Milliseconds must not be read as seconds.
+//! Check of times that are numbers without a unit. The steps between successive times show whether they may be
+//! milliseconds, which must not be read as seconds.
 
 use super::BadLog;
 use isotherm_core::quantity::{Moment, TimeColumns, TimeUnit};
 use isotherm_profile::safe_file::quoted;
 
-/// Number of rows whose steps are compared.
+/// Maximum number of rows from whose steps the unit is checked.
 pub(super) const COMPARED: usize = 1000;
-/// Seconds since 1970 of the earliest number that is read as a date: the begin of 1980.
+/// Smallest number that is read as a date, s since 1970: the begin of 1980.
 const FIRST_DATE: f64 = 315_532_800.0;
-/// Step above which the rows of a log would be hours apart, s.
+/// Limit of the step between two rows, s. With a larger step, the rows would be hours apart.
 const HOURS: f64 = 7200.0;
-/// Steps that loggers often use, s. A log in milliseconds with one row per second has steps of similar size.
+/// Steps that loggers often use, s. A log in milliseconds with about one row per second has steps of a similar size.
 const USUAL: [f64; 3] = [1200.0, 1800.0, 3600.0];
-/// Minimum number of rows that no person writes by hand. The step between so many rows is the period of a logger.
+/// Minimum number of rows for which a logger must have written the log. A person does not write so many rows by hand.
 const OF_LOGGER: usize = 100;
 
-/// Returns whether a time that is a number counts from the start of the log. Otherwise, it is a date.
+/// Returns whether a time that is a number counts from the start of the log. If not, it is a date.
 pub(super) fn is_count(time: Moment) -> bool {
     time.since(Moment::default()).as_secs_f64() < FIRST_DATE
 }
 
-/// Returns the step between times without a unit, s, if the times may be milliseconds. This is so if the rows are hours
-/// apart, if all steps are thousands, or if a logger's step is about 1000. `None` if the times are seconds.
+/// Returns the usual step between times without a unit if the times may be milliseconds; `None` if they are seconds.
+/// They may be milliseconds if the step is more than two hours, if all steps are multiples of 1000, or if a logger's
+/// step is above 950 and not usual.
 fn step_in_question(times: &[f64]) -> Option<f64> {
     if times.len() < 3 || times[0] >= FIRST_DATE {
         return None;
@@ -46,11 +48,11 @@ pub(super) fn question(name: &str, times: &[f64]) -> Option<String> {
     ))
 }
 
-/// Checks the times in the first rows of a log, which are texts. `names` contains the column names of the log with
-/// their units.
+/// Checks the times in the first rows of a log. `names` contains the column names with their units, and `rows` the
+/// cells as texts.
 ///
 /// # Errors
-/// The operator must state the unit of the times.
+/// The unit of the times is not certain, so the operator must state it.
 pub(super) fn check(
     place: &str,
     (names, rows): (&[String], &[Vec<String>]),

@@ -1,4 +1,5 @@
-//! Table of one log file: time and columns, before the file is divided into runs.
+//! Table of one log file: times and columns, before the file is divided into runs. `Reader` fills it while a file is
+//! read.
 
 use std::collections::HashMap;
 use std::fmt::Display;
@@ -15,21 +16,21 @@ use isotherm_core::quantity::{
 use isotherm_profile::counted;
 use isotherm_profile::safe_file::quoted;
 
-/// Maximum number of rows of a file: seven months with one row per second. Reading more rows would take too long.
+/// Maximum number of rows of a file: seven months with one row per second. More rows would take too long to read.
 const MOST_ROWS: usize = 20_000_000;
-/// Maximum count of numbers in a file. They take at most 8 bytes each, 1.2 GB.
+/// Maximum count of numbers in a file. In memory, they need at most 8 bytes each, which is 1.2 GB.
 const MOST_NUMBERS: usize = 150_000_000;
-/// Number of rows of an unused log column from which its kind is guessed.
+/// Number of rows that are read of an unused log column. Its kind is guessed from these rows.
 const SAMPLED: usize = 1000;
-/// Maximum number of listed errors; further errors are only counted.
+/// Maximum number of errors that are listed one by one. Further errors are only counted.
 const MOST_LISTED: usize = 20;
 
-/// Function that returns the unit that the profile gives for a log column; `None` if the profile has no signal of this
+/// Function that returns the unit of a log column according to the profile; `None` if the profile has no signal of this
 /// name.
 pub type Units<'a> = &'a dyn Fn(&str) -> Option<&'static str>;
 
-/// Function that returns whether the column of this name is used. Unused columns are not read completely: a log may
-/// have hundreds of columns, but a model requires about ten.
+/// Function that returns whether the column of this name is used. An unused column is not read completely, because a
+/// log may have hundreds of columns, but a model requires about ten.
 pub type Uses<'a> = &'a dyn Fn(&str) -> bool;
 
 /// Selects all columns; for use as [`Uses`].
@@ -43,20 +44,20 @@ pub fn every_column(_: &str) -> bool {
 pub(super) struct Table {
     pub(super) file: PathBuf,
     pub(super) times: Vec<Moment>,
-    /// Line or row number of each row in the file.
+    /// Number of each table row in the file, for messages.
     pub(super) lines: Numbering,
-    /// Word for a row in messages: "line" or "row".
+    /// Word that messages use for a row of the file: "line" or "row".
     pub(super) row: &'static str,
     pub(super) columns: Vec<(String, Cells)>,
     /// Unit of each column that has a unit in its header or cells. The key is the name of the column.
     pub(super) units: HashMap<String, String>,
     /// Conversion of the values of each column whose unit differs from the unit that the program uses.
     pub(super) conversions: HashMap<String, Conversion>,
-    /// Used columns without any number, with the reason.
+    /// Used columns without any number. Each item is the column name, and the reason.
     pub(super) lost: Vec<(String, String)>,
-    /// Unused columns without any number, with the reason.
+    /// Unused columns without any number. Each item is the column name, and the reason.
     pub(super) texts: Vec<(String, String)>,
-    /// Messages of a logger instead of values. The key is the name of the column.
+    /// Messages that a logger wrote instead of values. The key is the name of the column.
     failed: HashMap<String, Messages>,
     /// Words for values that are not available, such as `n/a`. The key is the name of the column.
     unavailable: HashMap<String, Messages>,
@@ -78,7 +79,7 @@ pub(super) struct Understood {
     pub(super) date: Option<String>,
     /// Format of the times.
     pub(super) form: TimeForm,
-    /// Unit of the times, if they are numbers.
+    /// Unit of the times, if the times are numbers.
     pub(super) unit: TimeUnit,
     /// Whether the times are numbers from the start of the log, and nothing states their unit.
     pub(super) is_unit_assumed: bool,
@@ -88,19 +89,20 @@ pub(super) struct Understood {
     pub(super) dates: Option<DateOrder>,
 }
 
-/// Cells of a column.
+/// Cells of a column in the finished table.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) enum Cells {
     /// Numbers; NaN if missing.
     Numbers(Series),
-    /// Texts, for example names and states. A column is stored as text only if it may divide runs or show when Cz was
-    /// active.
+    /// Texts, for example names and states. A column is stored as text only if it may divide the log into runs, or
+    /// shows when Cz (the compensation value) was active.
     Text(Words),
     /// First numbers of an unused column, from which its kind is guessed.
     Unread(Series),
 }
 
-/// Line number of each row in its file. A line number is stored only if it is not the previous line number plus one.
+/// Line number in the file of each table row. A line number is stored only if it is not the previous line number plus
+/// one.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Numbering {
     jumps: Vec<(usize, u64)>,
@@ -146,12 +148,12 @@ impl Table {
         numbers.map(|(name, _)| name.as_str())
     }
 
-    /// Returns the rows of this column with a message of the logger instead of a value.
+    /// Returns the rows in which this column contains a message of the logger instead of a value.
     pub(super) fn failed_rows(&self, name: &str) -> impl Iterator<Item = usize> {
         self.failed.get(name).into_iter().flat_map(Messages::rows)
     }
 
-    /// Returns the rows of this column that contain a word for a value that is not available.
+    /// Returns the rows in which this column contains a word for a value that is not available.
     pub(super) fn unavailable_rows(&self, name: &str) -> impl Iterator<Item = usize> {
         self.unavailable.get(name).into_iter().flat_map(Messages::rows)
     }
@@ -171,7 +173,7 @@ impl Table {
     }
 }
 
-/// A column while the file is read.
+/// Column of the table while the file is read.
 #[derive(Debug, Default)]
 struct Column {
     name: String,
@@ -189,23 +191,23 @@ struct Column {
     unavailable: Messages,
     /// Whether the column is used. Only the first cells of an unused column are read.
     is_used: bool,
-    /// Whether reading of the column has ended, because no more cells are needed or because an error was reported.
+    /// Whether no more cells of the column are read, because enough cells were read or because an error was reported.
     is_over: bool,
 }
 
-/// A table while the file is read, with the errors found.
+/// Reader that fills a table row by row, and collects the errors in the file.
 pub(super) struct Reader {
     table: Table,
     columns: Vec<Column>,
-    /// Columns with the time of a row.
+    /// Indices of the columns that contain the time of a row: time, and date if it is separate.
     time: TimeColumns,
     /// Unit of the times if they are numbers; `None` before the first row.
     unit: Option<TimeUnit>,
-    /// Format of the times. The first row decides between numbers and texts.
+    /// Format of the times. The first row shows whether they are numbers or texts.
     form: TimeForm,
     /// Number of columns that are read completely, without the time.
     kept: usize,
-    /// Word for a row in messages: line or row.
+    /// Word that messages use for a row of the file: "line" or "row".
     row: &'static str,
     dialect: Dialect,
     /// Row and message of the first invalid time, and the number of further invalid times.
@@ -215,8 +217,9 @@ pub(super) struct Reader {
 }
 
 impl Reader {
-    /// Creates a reader; `None` if no column contains the time. `by` is the column that divides the file into runs.
-    /// `uses` selects the columns. `stated` is the unit of times that are numbers, if the operator has stated it.
+    /// Creates a reader; `None` if no column contains the time. `by` is the name of the column that divides the file
+    /// into runs. `uses` selects the columns. `stated` is the unit of times that are numbers, if the operator has
+    /// stated it.
     pub(super) fn new(
         file: &Path,
         names: Vec<String>,
@@ -252,7 +255,7 @@ impl Reader {
         })
     }
 
-    /// Adds an error in a row of the file.
+    /// Adds an error in the row with the number `number` of the file.
     pub(super) fn refuse(&mut self, number: u64, column: Option<&str>, message: impl Display) {
         self.refuse_at(&format!("{} {number}", self.row), column, message);
     }
@@ -266,7 +269,7 @@ impl Reader {
         self.listed.push(format!("{}, {place}{column}: {message}", self.table.file.display()));
     }
 
-    /// Sets the format of the times if the file declares it.
+    /// Sets the format of the times, because the file declares it.
     #[cfg(feature = "parquet")]
     pub(super) fn declare_times(&mut self, form: TimeForm) {
         self.form = form;
@@ -282,8 +285,8 @@ impl Reader {
         self.time.date
     }
 
-    /// Detects the order of day and month, and whether a mark before three digits is a decimal mark, from rows that are
-    /// read later.
+    /// Detects two properties of the file from `rows`, which are read later: the order of day and month, and whether a
+    /// mark before three digits is a decimal mark.
     pub(super) fn learn<'a>(&mut self, rows: impl Iterator<Item = Vec<&'a str>> + Clone) {
         let dated = self.time.date.unwrap_or(self.time.time);
         for cells in rows.clone() {
@@ -294,12 +297,12 @@ impl Reader {
         self.dialect.learn_marks(rows);
     }
 
-    /// Returns whether the next cell of this column must be read.
+    /// Returns whether the reader needs the next cell of this column.
     pub(super) fn reads(&self, place: usize) -> bool {
         self.wants(place) > 0
     }
 
-    /// Returns the number of further cells of this column that must be read.
+    /// Returns how many more cells of this column the reader needs.
     pub(super) fn wants(&self, place: usize) -> usize {
         match self.columns.get(place) {
             Some(column) if column.is_over => 0,
@@ -315,14 +318,14 @@ impl Reader {
         self.kept
     }
 
-    /// Returns whether the cells of this column must be kept as texts: the column may name the run of each row, and its
-    /// cells so far are not all numbers.
+    /// Returns whether the cells of this column must be kept as texts. This is so if the column may divide the log into
+    /// runs, and not all its cells so far are numbers.
     #[cfg(feature = "parquet")]
     pub(super) fn needs_words(&self, place: usize) -> bool {
         self.columns.get(place).is_some_and(|column| column.words.is_some())
     }
 
-    /// Marks a column as text that is not needed. Its cells are then not stored. `why` is the reason for the message.
+    /// Ends the reading of a column of texts that are not needed. `why` is the reason in the message about the column.
     #[cfg(feature = "parquet")]
     pub(super) fn is_text(&mut self, place: usize, why: &str) {
         let column = &mut self.columns[place];
@@ -332,8 +335,8 @@ impl Reader {
         list.push((column.name.clone(), why.to_owned()));
     }
 
-    /// Begins a row with its time. If the time is invalid, adds an error and returns `false`. Returns `Err` if the file
-    /// is too large.
+    /// Begins a new row with its time. If the time is invalid, adds an error and returns `Ok(false)`. Returns `Err` if
+    /// the file is too large.
     pub(super) fn begin(&mut self, number: u64, time: &str) -> Result<bool, TooMuch> {
         let rows = self.table.times.len();
         if rows >= MOST_ROWS || rows.saturating_mul(self.kept) >= MOST_NUMBERS {
@@ -344,7 +347,7 @@ impl Reader {
             self.refuse(
                 number,
                 None,
-                format!("{limit}: log more slowly, or split the file and leave columns out"),
+                format!("{limit}: record fewer rows per minute, divide the file, or leave columns out"),
             );
             return Err(TooMuch);
         }
@@ -410,13 +413,14 @@ impl Reader {
         if column.has_numbers && column.text.is_none() {
             column.words = None;
         } else if column.words.as_mut().is_some_and(|words| !words.push(&text)) {
-            let message =
-                format!("more than {MOST_WORDS} different texts: this column cannot distinguish runs");
+            let message = format!(
+                "the column has more than {MOST_WORDS} different texts, so it cannot divide the log into runs"
+            );
             self.end_column(place, number, message);
         }
     }
 
-    /// Stops reading a column because of an error.
+    /// Adds an error about a column, and stops reading the column.
     fn end_column(&mut self, place: usize, number: u64, message: impl Display) {
         let name = std::mem::take(&mut self.columns[place].name);
         self.refuse(number, Some(&name), message);
@@ -437,13 +441,14 @@ impl Reader {
         }
     }
 
-    /// Returns whether the times are numbers that are read as seconds, although neither the file nor the operator
-    /// states their unit.
+    /// Returns whether the times are read as seconds by assumption: they are numbers, but neither the file nor the
+    /// operator states their unit.
     fn assumes_seconds(&self) -> bool {
         self.form == TimeForm::Numbers && !self.time.is_stated && self.unit == Some(TimeUnit::Seconds)
     }
 
-    /// Returns the finished table, or all errors. `empty` is the line number and the message for a file without rows.
+    /// Returns the finished table, or all errors. If the file has no rows, `empty` is the line number and the message
+    /// of the error.
     pub(super) fn finish(mut self, empty: (u64, &str)) -> Result<Table, BadLog> {
         let is_unit_assumed =
             self.assumes_seconds() && self.table.times.first().is_some_and(|first| steps::is_count(*first));
@@ -503,8 +508,8 @@ impl Reader {
         BadLog::unless(self.listed, self.table)
     }
 
-    /// Returns the cells of a finished column: numbers if all cells are numbers. A used column with both numbers and
-    /// texts is an error at its first text.
+    /// Returns the cells of a finished column: numbers if all cells are numbers. If a used column contains numbers and
+    /// texts, the first text is reported as an error.
     fn cells(&mut self, name: &str, column: Column) -> Cells {
         if !column.unit.is_empty() {
             self.table.units.insert(name.to_owned(), column.unit);
@@ -555,19 +560,21 @@ impl Reader {
     }
 }
 
-/// Error: the file is larger than allowed. The reader has already added a message about it.
+/// Error: the file is larger than allowed. The reader has already added a message about this.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct TooMuch;
 
 impl Column {
-    /// Converts a value from the unit `unit`, which may be empty. All cells of a column must have the same unit.
+    /// Converts a value of a column from the unit `unit`; an empty text means no unit. All cells of a column must have
+    /// the same unit.
     fn with_unit(&mut self, value: f64, unit: &str) -> Result<f64, String> {
         if !unit.is_empty() && self.unit.is_empty() {
             let conversion = Conversion::of(&self.name, unit);
             // The numbers before had no unit.
             if self.has_numbers && conversion != Conversion::Same {
                 return Err(format!(
-                    "`{unit}` follows this number, but not the numbers before; write one unit"
+                    "the unit `{unit}` follows this number, but not the numbers before it: write the same \
+                     unit after all numbers of the column"
                 ));
             }
             unit.clone_into(&mut self.unit);
@@ -576,7 +583,8 @@ impl Column {
         match unit.is_empty() || unit == self.unit || are_alike(&self.name, unit, &self.unit) {
             true => Ok(self.conversion.apply(value)),
             false => Err(format!(
-                "`{unit}` follows this number, but the column is in {}; write one unit",
+                "the unit `{unit}` follows this number, but the column is in {}: use the same unit for all \
+                 numbers of the column",
                 self.unit
             )),
         }

@@ -65,7 +65,10 @@ fn a_file_is_split_by_a_column_or_a_gap() {
     assert_eq!(names(&column), owned(&[("day A 1", 2), ("day B", 2), ("day A 3", 1)]));
     let missing = Split { column: Some("cycle".to_owned()), ..Split::default() };
     let reported = read(log, &missing).unwrap_err().to_string();
-    assert_eq!(reported, "day.csv: there is no column cycle to split the file by; there are t1, part");
+    assert_eq!(
+        reported,
+        "day.csv: there is no column cycle, by which the file is to be divided into runs; there are t1, part"
+    );
 }
 
 #[test]
@@ -317,8 +320,8 @@ fn each_column_that_is_not_used_is_listed_with_the_reason() {
     let unused = found.unused(&|column| column.name == "bed");
     let names: Vec<&str> = unused.iter().map(|column| column.name.as_str()).collect();
     assert_eq!(names, ["humidity", "spare_c", "part"]);
-    assert!(unused[0].why.contains("by its unit, name and values"), "{unused:?}");
-    assert_eq!(unused[1].why, "temperature, which was not asked for");
+    assert!(unused[0].why.contains("its unit, name and values do not show"), "{unused:?}");
+    assert_eq!(unused[1].why, "temperature, but this command did not select it");
     assert_eq!(unused[2].why, "day.csv, line 2: `A` is no number");
 }
 
@@ -552,7 +555,11 @@ mod of_parquet {
             column::<DoubleType>(rows, &[1.0, 2.0], None);
         });
         let found = Dataset::read(&[path], &Split::default(), &|_| None, &every_column).unwrap();
-        assert!(found.remarks.join("; ").contains("its values are nested"), "{:?}", found.remarks);
+        assert!(
+            found.remarks.join("; ").contains("the values of this column are nested"),
+            "{:?}",
+            found.remarks
+        );
     }
 
     #[test]

@@ -1,11 +1,11 @@
-//! Reader of a text that is converted part by part while it is read.
+//! Reader that converts a text part by part while the text is read, for example to another encoding.
 
 use std::io::{self, Chain, Cursor, Read};
 
-/// Input whose first bytes were already read to decide about the conversion.
+/// Input of which the first bytes were already read, to decide whether a conversion is necessary.
 pub(super) type Begun<R> = Chain<Cursor<Vec<u8>>, R>;
 
-/// Reader of a text that converts the text with `C` if that is necessary.
+/// Reader of a text. The converter `C` converts the text if that is necessary.
 pub(super) enum TextReader<R, C> {
     /// The input is returned unchanged.
     Plain(Begun<R>),
@@ -15,15 +15,15 @@ pub(super) enum TextReader<R, C> {
 
 /// Converter of a text that is read part by part.
 pub(super) trait Convert {
-    /// Reads the next part of the input, and writes it to the empty `text`. Returns whether the input may have more parts.
-    /// The last part may contain text too.
+    /// Reads the next part of the input, and writes its converted text to `text`, which is empty before. Returns
+    /// whether the input may have more parts. The last part may contain text, too.
     fn next_part(&mut self, text: &mut Vec<u8>) -> io::Result<bool>;
 }
 
 /// Converted parts of a text.
 pub(super) struct Parts<C> {
     converter: C,
-    /// Current part of the converted text. The bytes from `at` onwards were not returned yet.
+    /// Current part of the converted text. The bytes from `at` onwards have not been returned yet.
     text: Vec<u8>,
     at: usize,
     is_over: bool,

@@ -12,7 +12,8 @@ use super::{BadLog, Split, Uses};
 use isotherm_core::quantity::{Dialect, TimeColumns, name_and_unit, with_date};
 use isotherm_profile::safe_file::{Lines, quoted};
 
-/// Maximum number of values of a log in long format. They are stored as texts until all sensors are known.
+/// Maximum number of values of a log in long format. The values are kept as texts until the names of all sensors are
+/// known.
 const MOST_VALUES: usize = 5_000_000;
 
 /// Possible names of the column that contains the sensor names.
@@ -49,8 +50,8 @@ pub(super) struct Tidy {
 }
 
 impl Tidy {
-    /// Finds the columns of a log in long format; `None` if the log has another format. A column that divides runs does
-    /// not count as the column of the sensor names.
+    /// Finds the columns of a log in long format; `None` if the log has another format. If the column with the sensor
+    /// names is the column that divides the log into runs, the result is also `None`.
     pub(super) fn find(names: &[String], split: &Split) -> Option<Tidy> {
         let place = |known: &[&str]| {
             names.iter().position(|name| known.contains(&name_and_unit(name).0.to_lowercase().as_str()))
@@ -61,7 +62,7 @@ impl Tidy {
         (!divides_runs).then(|| Tidy { times, sensor, value, unit: place(&UNITS) })
     }
 
-    /// Reads the rows below the names of the columns.
+    /// Reads the rows of a log in long format, below the line with the column names.
     pub(super) fn read<R: Read>(
         self,
         (file, names, head): (&Path, &[String], &Head),
@@ -132,12 +133,12 @@ impl Tidy {
     }
 }
 
-/// Rows of a log in long format. The values of one time are in one row.
+/// Rows of a log in long format. All values with the same time are in one row.
 #[derive(Debug, Default)]
 struct Long {
     /// Names of the sensors with their units, in the order of their first occurrence.
     headers: Vec<String>,
-    /// Number of the column of each sensor; 1 is the first of `headers`. The key is the name of the sensor.
+    /// Number of the table column of each sensor: 1 for the first name in `headers`. The key is the name of the sensor.
     places: HashMap<String, usize>,
     rows: Vec<Row>,
     by_time: HashMap<Box<str>, usize>,
@@ -181,7 +182,8 @@ impl Long {
         self.values += 1;
         if self.values > MOST_VALUES {
             return Err(format!(
-                "more than {} million values in a long log: write a column for each sensor",
+                "the log has one row for each value, and more than {} million values: write one column for \
+                 each sensor instead",
                 MOST_VALUES / 1_000_000
             ));
         }
@@ -243,7 +245,7 @@ mod tests {
     fn mistakes_of_a_long_log_are_named_with_their_line() {
         for (log, says) in [
             ("time,sensor,value\n0,bed,20\n0,bed,21\n", "line 3: bed has a second value at the time 0"),
-            ("time,sensor,value\n0,bed,20,5\n", "line 2: 4 cells under 3 column names"),
+            ("time,sensor,value\n0,bed,20,5\n", "line 2: this row has 4 cells, but there are 3 column names"),
             ("time,sensor,value\n0,bed,20\n60,,21\n", "line 3: the name of the sensor is missing"),
             ("time,sensor,value\n0,bed,20\n60,bed,oops\n", "line 3, column bed: `oops` is no number"),
             ("time,sensor,value\nnoon,bed,20\n", "line 2, column time: `noon` is not a time"),

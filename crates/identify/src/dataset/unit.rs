@@ -1,9 +1,9 @@
-//! Units that a log states, in the words of a profile.
+//! Units that a log states, converted to the unit names of a profile.
 
 use isotherm_core::quantity::{Conversion, spelled};
 
-/// Returns the unit of a column in the words of a profile, after the conversion of its values; `None` if the unit is not
-/// known.
+/// Returns the profile name of the unit into which the values of a column are converted; `None` if the unit of the
+/// column is not known.
 pub(super) fn of_profile(name: &str, unit: &str) -> Option<&'static str> {
     let is_in_um = name.to_ascii_lowercase().ends_with("_um");
     Some(match spelled(unit).as_str() {
@@ -21,7 +21,8 @@ pub(super) fn of_profile(name: &str, unit: &str) -> Option<&'static str> {
     })
 }
 
-/// Returns whether two units mean the same in a column of this name. The values of the column may then have both units.
+/// Returns whether two units are different spellings of the same unit, in a column of this name. The cells of the
+/// column may then use both spellings.
 pub(super) fn are_alike(name: &str, unit: &str, other: &str) -> bool {
     // All units of other quantities have one word.
     let word = of_profile(name, unit).filter(|word| *word != "percent");

@@ -1,8 +1,8 @@
-//! Texts of a log column: labels that divide runs, and words instead of values.
+//! Texts of a log column: labels that divide the log into runs, and words that stand for a missing value.
 
 use std::collections::HashMap;
 
-/// Maximum number of different texts in a column.
+/// Maximum number of different texts in one column.
 pub(super) const MOST_WORDS: usize = 100_000;
 
 /// Trimmed texts of a column; each different text is stored once.
@@ -24,7 +24,7 @@ impl Words {
         self.words.get(*self.places.get(place)? as usize).map(String::as_str)
     }
 
-    /// Adds the text of the first row for one more row. Returns `false` if there is no text yet.
+    /// Adds one more row with the text of the first row. Returns `false` if no row has a text yet.
     fn repeat_first(&mut self) -> bool {
         let has_words = !self.words.is_empty();
         if has_words {
@@ -50,12 +50,12 @@ impl Words {
     }
 }
 
-/// Rows of a column with a word, such as `OL`, `---` or `n/a`, instead of a value.
+/// Rows of a column with a word, such as `OL`, `---` or `n/a`, instead of a value. `OL` means overload.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct Messages {
     /// Rows in ascending order.
     rows: Vec<u32>,
-    /// Word in each of these rows.
+    /// Word in each of these rows, in the same order.
     words: Words,
 }
 
@@ -70,7 +70,7 @@ impl Messages {
         }
     }
 
-    /// Returns the rows.
+    /// Returns the rows that contain a word.
     pub(super) fn rows(&self) -> impl Iterator<Item = usize> {
         self.rows.iter().map(|row| *row as usize)
     }

@@ -1,11 +1,12 @@
-//! Logs in workbooks of spreadsheets (.xlsx). The sheet with a time column is converted to CSV, and read like a CSV
-//! log.
+//! Reader of logs in workbooks of spreadsheets (.xlsx). The sheet with a time column is converted to CSV, and then read
+//! like a CSV log.
 //!
 //! ```text
 //! zip: sizes of the parts ── within the limits? ── cells of each sheet ── CSV with tabs ── the sheet with a time column
 //! ```
-//! A file of some kilobytes can decompress to gigabytes. Therefore every part is decompressed once for a check of its
-//! size, before the library reads the file. The library may panic, so panics are caught while the file is read.
+//! A file of some kilobytes can decompress to gigabytes. A workbook is a zip file with several parts. Every part is
+//! decompressed once to check its size, before the library reads the workbook. The library may panic, so panics are
+//! caught while the file is read.
 
 use std::io::Cursor;
 use std::path::Path;
@@ -22,18 +23,19 @@ mod zip;
 
 /// Maximum size of a workbook, bytes.
 const LARGEST: u64 = 64 << 20;
-/// Maximum size of a sheet as CSV, bytes.
+/// Maximum size of a sheet after its conversion to CSV, bytes.
 const LARGEST_SHEET: usize = 160_000_000;
 /// Maximum number of rows and of columns of a sheet.
 const MOST_ROWS: u32 = 1 << 20;
 const MOST_COLUMNS: u32 = 1 << 14;
 
-/// Reads the sheet of a workbook that has a time column. Error messages contain the rows of the sheet as lines.
+/// Reads the sheet of a workbook that has a time column. In error messages, a line number is the row number in the
+/// sheet.
 pub(super) fn read(file: &Path, split: &Split, uses: Uses<'_>) -> Result<Table, BadLog> {
     let refused = |why: String| BadLog(vec![format!("{}: {why}", file.display())]);
     let bytes = safe_file::read(file, LARGEST).map_err(|why| files::cannot_be_read(file, &why))?;
     zip::check(&bytes).map_err(refused)?;
-    let failed = "this is no readable workbook: the reader failed; save the sheet as CSV";
+    let failed = "the workbook cannot be read: the reader failed. Save the sheet as CSV";
     // The decimal mark that the operator has stated is that of numbers that are texts in the sheet.
     let stated = split.decimal;
     let text =
@@ -44,7 +46,8 @@ pub(super) fn read(file: &Path, split: &Split, uses: Uses<'_>) -> Result<Table, 
 
 /// Returns the sheet that has a time column, as CSV.
 fn log_of(bytes: Vec<u8>, stated: Option<DecimalMark>) -> Result<Vec<u8>, String> {
-    let mut book = Xlsx::new(Cursor::new(bytes)).map_err(|why| format!("this is no workbook: {why}"))?;
+    let mut book =
+        Xlsx::new(Cursor::new(bytes)).map_err(|why| format!("the file is not a workbook: {why}"))?;
     // Sheets with a chart or with macros have no cells.
     let has_cells = |sheet: &&calamine::Sheet| sheet.typ == SheetType::WorkSheet;
     let names: Vec<String> =
@@ -64,22 +67,25 @@ fn log_of(bytes: Vec<u8>, stated: Option<DecimalMark>) -> Result<Vec<u8>, String
     }
     match found.as_slice() {
         [] => Err(format!(
-            "no sheet has a column time with rows below it (seconds, or dates and times); there are {}",
+            "no sheet has a time column with rows below it (seconds, or dates and times); there are {}",
             names.join(", ")
         )),
         [_] => Ok(found.remove(0).1),
         _ => {
             let names: Vec<&str> = found.iter().map(|(name, _)| *name).collect();
-            Err(format!("several sheets have a time column: {}; save each as CSV", names.join(", ")))
+            Err(format!(
+                "several sheets have a time column: {}. Save each of these sheets as CSV",
+                names.join(", ")
+            ))
         }
     }
 }
 
-/// Row and text of a number that can be read in two ways.
+/// Row number and text of a number whose comma may be a decimal mark or separate thousands.
 type Unclear = (u32, String);
 
-/// Returns the cells of a sheet as CSV with tabs. Each row of the sheet is one line. If no decimal mark was stated,
-/// also returns the last text whose comma may be a decimal mark or separate thousands.
+/// Returns the cells of a sheet as CSV with tabs, one line for each row of the sheet. If the operator stated no decimal
+/// mark, also returns the last number whose comma may be a decimal mark or separate thousands.
 fn sheet(
     book: &mut Xlsx<Cursor<Vec<u8>>>,
     name: &str,
@@ -110,13 +116,14 @@ struct Lines {
     column: u32,
     /// Whether the current row has a cell already.
     has_cells: bool,
-    /// Number of the last column in all rows so far. Each row is filled up to this column, because its last cells may
+    /// Largest number of a column in all rows so far. Each row is filled up to this column, because its last cells may
     /// be missing.
     widest: u32,
 }
 
 impl Lines {
-    /// Moves to the position of the next cell. Rows and columns are counted from zero.
+    /// Moves to the position of the next cell: writes the line ends and tabs before it. Rows and columns are counted
+    /// from zero.
     fn go_to(&mut self, (row, column): (u32, u32)) -> Result<(), String> {
         if row >= MOST_ROWS || column >= MOST_COLUMNS {
             return Err(format!("more than {MOST_ROWS} rows or {MOST_COLUMNS} columns"));
@@ -191,7 +198,7 @@ fn quoted(text: &str) -> String {
     }
 }
 
-/// Returns as text a date and time, a time of day, or a duration since a start.
+/// Returns a spreadsheet date as text: a date and time, a time of day, or a duration.
 fn date_text(date: &ExcelDateTime) -> String {
     let days = date.as_f64();
     if (0.0..10_000.0).contains(&days) && (date.is_duration() || days < 1.0) {
@@ -335,9 +342,9 @@ mod tests {
     fn what_is_no_log_is_refused_with_what_there_is() {
         let (_directory, path) = workbook(&row(1, &["Name", "Meier"]));
         let said = read(&path, &Split::default(), &every_column).unwrap_err().to_string();
-        assert!(said.contains("no sheet has a column time") && said.contains("Log"), "{said}");
+        assert!(said.contains("no sheet has a time column") && said.contains("Log"), "{said}");
         std::fs::write(&path, "time,bed\n0,20\n").unwrap();
         let said = read(&path, &Split::default(), &every_column).unwrap_err().to_string();
-        assert!(said.contains("no workbook"), "{said}");
+        assert!(said.contains("the file is not a workbook"), "{said}");
     }
 }

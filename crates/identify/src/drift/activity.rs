@@ -1,4 +1,4 @@
-//! Movements during a run, and the test of ISO 230-3 that corresponds to them.
+//! Movements of spindles and axes during a run, and the test of ISO 230-3 that corresponds to these movements.
 
 use serde::Serialize;
 
@@ -7,14 +7,14 @@ use crate::dataset::{Column, Dataset, Kind, Run, Units};
 use crate::minutes::Minutes;
 use crate::statistics::median;
 
-/// Value below which a speed (1/min) or the travel in a minute (mm or degrees) counts as a standstill.
+/// Limit of a standstill: a speed in 1/min, or the travel of a position within a minute, in mm or degrees.
 const STILL: f64 = 1.0;
-/// Maximum difference of the speeds within one stage, as a share of the highest speed.
+/// Maximum difference between the speeds of one stage, as a share of the highest speed in the run.
 const ONE_SPEED: f64 = 0.02;
-/// Minimum duration of a stage, s. A shorter period is only the change from one speed to the next.
+/// Minimum duration of a stage, s. A shorter period is only a change between two speeds.
 const SHORTEST_STAGE: f64 = 150.0;
 
-/// Period of a run with one constant speed, with movement of a position, or without movement.
+/// Period of a run in which the speed was constant, a position moved, or nothing moved.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Stage {
     /// Name of the log column that shows the movement.
@@ -29,7 +29,7 @@ pub struct Stage {
     pub moves: bool,
 }
 
-/// Log column of a movement that warms the machine.
+/// Log column of a speed or a position. Its movement warms the machine.
 #[derive(Clone, Debug)]
 pub(super) struct Mover {
     pub(super) column: usize,
@@ -57,14 +57,15 @@ pub(super) fn movers(dataset: &Dataset, units: Units<'_>) -> Vec<Mover> {
     dataset.columns.iter().enumerate().filter_map(of).collect()
 }
 
-/// Returns whether a log column is the speed of a linear axis.
+/// Returns whether a log column is the speed of a linear axis, by its unit or the end of its name.
 pub(crate) fn is_feed(name: &str, unit: Option<&str>) -> bool {
     let name = name.to_ascii_lowercase();
     unit.is_some_and(|unit| ["mm/min", "m/min", "m/s"].contains(&unit))
         || ["mm_min", "mm/min", "_m_s", "feed"].iter().any(|ending| name.ends_with(ending))
 }
 
-/// Chooses the test of ISO 230-3. Returns the test, the column of its movement, and the reason for the choice.
+/// Chooses the test of ISO 230-3 to which a run corresponds. `asked` is the test that the operator chose. Returns the
+/// test, the column of its movement, and the reason for the choice.
 pub(super) fn likeness<'a>(
     asked: Option<Test>,
     active: &[&'a Mover],
@@ -83,21 +84,21 @@ pub(super) fn likeness<'a>(
     if !others.is_empty() {
         remarks.push(match (test, others.join(", ")) {
             (Test::Etve, others) => {
-                format!("{others} moved: these figures include the heat of this movement")
+                format!("{others} moved: the heat of this movement is included in the results")
             }
             (_, others) => {
-                format!("{others} moved as well: the effects of these movements cannot be separated")
+                format!("{others} moved as well: the effects of the different movements cannot be separated")
             }
         });
     }
     let because = match (asked, mover) {
         (None, Some(mover)) if mover.is_speed => format!("{} is not always zero", mover.name),
         (None, Some(mover)) => format!("{} moves", mover.name),
-        (None, None) => "no column of a speed or a position moves".to_owned(),
+        (None, None) => "no speed and no position in the log changes".to_owned(),
         (Some(_), _) => "as requested".to_owned(),
     };
     if mover.is_none() && test != Test::Etve {
-        remarks.push("no column shows what turned or moved: the stages are not known".to_owned());
+        remarks.push("no column shows which spindle or axis moved: the stages are not known".to_owned());
     }
     (test, mover, because)
 }
@@ -140,8 +141,8 @@ impl Mover {
         long.map(stage).collect()
     }
 
-    /// Returns the distance that the position travels within each minute, with the time of the first log row of each
-    /// minute.
+    /// Returns the distance that the position travels within each minute. The time of each distance is that of the
+    /// first log row in the minute.
     fn paths(&self, run: &Run) -> Minutes {
         let mut paths = Minutes::default();
         let values = run.seconds().zip(&run.values[self.column]);

@@ -1,21 +1,21 @@
-//! Repair of faults. A fault affects the readings of a sensor in one run. The readings in the faulty rows are replaced
-//! if the good runs show that this is possible.
+//! Repair of sensor faults. A fault affects the readings of a sensor in one run. The faulty readings are replaced if a
+//! test on the good runs shows that this is accurate enough. The neighbours of a sensor are the other sensors.
 //!
 //! - Spikes are replaced by straight lines.
-//! - After a permanent jump, the step is subtracted from the readings. Its size follows from the neighbours and the
-//!   good runs.
-//! - Rows of a freeze are masked: they are used neither to identify nor to test any model. For the lags after them, the
-//!   readings are rebuilt from the neighbours. If that is not possible, the readings are treated as missing, and lags
-//!   are computed over a straight line between the neighbouring readings. If masks leave less than [`LEFT_OF_RUN`] of a
-//!   run, the rebuilt readings are used for identification.
+//! - After a permanent jump, the step is subtracted from the readings. The size of the step is estimated from the
+//!   neighbours and the good runs.
+//! - Rows of a freeze are masked: no model is identified from these rows or tested on them. The lagged values of later
+//!   rows depend on the masked readings, so these are rebuilt from the neighbours. If that is not possible, the
+//!   readings are treated as missing, and a straight line bridges them for the lags. If less than [`LEFT_OF_RUN`] of a
+//!   run would remain, the rows are not masked, and the rebuilt readings are used for identification.
 //!
 //! A sensor is left out of every run in these cases:
-//! - It jumps or spikes in most runs, or its faulty rows are unknown (constant, missing).
-//! - The error of a repaired jump is more than [`LARGEST_ERROR`] of the change of the sensor's readings in good runs.
+//! - It jumps or spikes in most runs, jumps too often in one run, or is constant or missing.
+//! - The error of the repair of a jump is more than [`LARGEST_ERROR`] times the change of the readings in good runs.
 //! - It was frozen for more than [`MASKED`] of the time.
-//! - Masks would leave less than [`LEAST_OF_RUN`] of a run, and nothing can be rebuilt.
+//! - Less than [`LEAST_OF_RUN`] of a run would remain after masking, and the readings cannot be rebuilt.
 //!
-//! Replacements are computed only from temperatures, never from the error. A held-out run does not contribute to them.
+//! Replacements are computed only from temperatures, never from the measured error, and never from a held-out run.
 
 use std::collections::HashMap;
 
@@ -24,20 +24,22 @@ use super::{Damage, Fault, Finding, Frozen, Repaired, faults};
 use crate::dataset::{Dataset, Run};
 use crate::statistics::count;
 
-/// Largest accepted error of readings that are rebuilt from other sensors, as a share of the root mean square by which
-/// the readings of the sensor change. The error is measured on hours of good runs that are hidden from the repair.
+/// Largest accepted error of rebuilt readings, as a ratio to the change of the sensor's readings (root mean square
+/// about the mean of the run). To measure the error, hours of good runs are hidden and rebuilt.
 const LARGEST_ERROR: f64 = 0.8;
 /// Maximum number of jumps in one run. A sensor with more jumps has a loose contact.
 const MOST_JUMPS: usize = 3;
-/// Maximum share of the time of all runs for which a sensor may be frozen. Otherwise it is left out.
+/// Maximum share of the time of all runs for which a sensor may be frozen. A sensor that was frozen for longer is left
+/// out.
 const MASKED: f64 = 0.25;
-/// Minimum share of a run's rows that masks must leave. Otherwise rebuilt readings are used for identification, so that
-/// the run is not lost.
+/// Minimum share of the rows of a run that must remain unmasked. If fewer would remain, rebuilt readings are used for
+/// identification, so that the run is not lost.
 const LEFT_OF_RUN: f64 = 0.25;
-/// Minimum share of a run's rows that masks must leave if nothing can be rebuilt. Otherwise the sensor is left out.
+/// Minimum share of the rows of a run that must remain unmasked if the readings cannot be rebuilt. If fewer would
+/// remain, the sensor is left out.
 const LEAST_OF_RUN: f64 = 0.05;
 
-/// Logs as recorded, with the faults in them that are repaired.
+/// Logs as recorded, and the faults that are repaired in them.
 #[derive(Clone, Debug)]
 pub(crate) struct Mending<'a> {
     logs: &'a Dataset,
@@ -49,13 +51,13 @@ pub(crate) struct Mending<'a> {
 /// Result of the repair.
 #[derive(Clone, Debug)]
 pub(crate) struct Mended<'a> {
-    /// State with which the logs can be repaired again without a held-out run; `None` if nothing was repaired.
+    /// Data with which the logs can be repaired again without a held-out run; `None` if nothing was repaired.
     pub(crate) mending: Option<Mending<'a>>,
     pub(crate) excluded: Vec<Finding>,
     pub(crate) repaired: Vec<Repaired>,
 }
 
-/// Description of how a fault was repaired; `None` if the rebuilt readings are not accepted.
+/// Description of how a fault was repaired; `None` if no accurate repair is possible.
 type Done = Option<String>;
 
 /// Finds the faults of the sensors in these log columns. Repairs these faults, and the freezes in `frozen`, if
@@ -99,7 +101,9 @@ pub(crate) fn mend<'a>(logs: &'a Dataset, columns: &[usize], frozen: &[Frozen]) 
                 });
                 mending.faults.push(fault);
             }
-            (Some(None), _) => excluded.push(fault.finding(logs, ", which no other sensor can replace,")),
+            (Some(None), _) => {
+                excluded.push(fault.finding(logs, ", and its readings cannot be rebuilt from other sensors,"))
+            }
             _ => {
                 let share = shares.get(&fault.column).copied().unwrap_or_default();
                 let more = match fault.damage.is_frozen() && share > MASKED {
@@ -114,8 +118,8 @@ pub(crate) fn mend<'a>(logs: &'a Dataset, columns: &[usize], frozen: &[Frozen]) 
     Mended { mending, excluded, repaired }
 }
 
-/// Returns whether a sensor must be left out: it jumps or spikes in most runs, it jumps too often in one run, its
-/// faulty rows are unknown, or it was frozen for too long.
+/// Returns whether a sensor must be left out. This is so if it jumps or spikes in most runs, jumps too often in one
+/// run, was frozen for too long, or its faulty rows are unknown.
 fn is_hopeless(logs: &Dataset, found: &[Fault], column: usize) -> bool {
     let own = || found.iter().filter(move |fault| fault.column == column);
     let mut runs: Vec<usize> =
@@ -130,8 +134,8 @@ fn is_hopeless(logs: &Dataset, found: &[Fault], column: usize) -> bool {
         || masked_share(logs, found, column) > MASKED
 }
 
-/// Returns the share of the time of all runs in which a column was frozen. Rows are weighted by their duration, because
-/// runs may have different numbers of rows per minute.
+/// Returns the share of the time of all runs in which the sensor of a column was frozen. Rows are weighted by their
+/// duration, because runs may have different numbers of rows per minute.
 fn masked_share(logs: &Dataset, found: &[Fault], column: usize) -> f64 {
     let (mut frozen, mut all) = (0.0, 0.0);
     for (number, run) in logs.runs.iter().enumerate() {
@@ -144,9 +148,9 @@ fn masked_share(logs: &Dataset, found: &[Fault], column: usize) -> f64 {
     frozen / f64::max(all, 1.0)
 }
 
-/// Decides whether the rows of a freeze are masked or rebuilt. Returns the resulting damage and the repair; the repair
-/// is `None` if the sensor must be left out. `masks` contains the masked rows of each run. The rows of this fault are
-/// added to it if they leave enough of the run.
+/// Decides whether the rows of a freeze are masked or rebuilt. Returns the kind of damage and the repair; the repair is
+/// `None` if the sensor must be left out. `masks` tells for each row of each run whether it is masked. The rows of this
+/// fault are masked if enough other rows of the run remain.
 fn settled(fault: &Fault, masks: &mut [Vec<bool>], done: Done) -> (Damage, Done) {
     let (Damage::Frozen, Some(run)) = (fault.damage, fault.run) else { return (fault.damage, done) };
     let mut mask = masks[run].clone();
@@ -157,7 +161,12 @@ fn settled(fault: &Fault, masks: &mut [Vec<bool>], done: Done) -> (Damage, Done)
         masks[run] = mask;
     }
     match (done, is_masked) {
-        (Some(done), true) => (Damage::Frozen, Some(format!("these rows were masked; for the lags, {done}"))),
+        (Some(done), true) => (
+            Damage::Frozen,
+            Some(format!(
+                "these rows were masked, so no model uses them; for the lagged values of later rows, {done}"
+            )),
+        ),
         (Some(done), false) => (Damage::Rebuilt, Some(done)),
         (None, true) => {
             (Damage::Missing, Some("these rows were masked: the model is identified without them".to_owned()))
@@ -172,7 +181,7 @@ impl Mending<'_> {
         self.dataset(None).0
     }
 
-    /// Returns the rows of a run that are not used for any model, because some sensor was frozen in them.
+    /// Returns the rows of a run that no model uses, because some sensor was frozen in them.
     pub(crate) fn masked(&self, run: usize) -> Vec<usize> {
         let is_masked = |fault: &&Fault| {
             fault.run == Some(run) && matches!(fault.damage, Damage::Frozen | Damage::Missing)
@@ -180,7 +189,7 @@ impl Mending<'_> {
         self.faults.iter().filter(is_masked).flat_map(|fault| fault.rows.iter().copied()).collect()
     }
 
-    /// Returns the logs, repaired without data from this run; `None` if no repair uses this run.
+    /// Returns the logs, repaired without data from this run. `None` if no repair uses data from it.
     pub(crate) fn never_saw(&self, run: usize) -> Option<Dataset> {
         let needs = |fault: &Fault| {
             fault.run != Some(run) && !matches!(fault.damage, Damage::Spikes | Damage::Missing)
@@ -188,8 +197,8 @@ impl Mending<'_> {
         self.faults.iter().any(needs).then(|| self.dataset(Some(run)).0)
     }
 
-    /// Returns the logs with all repairs that are possible, and the repair of each fault. `unseen` is a run that must
-    /// not contribute to the repairs.
+    /// Returns the logs with all possible repairs, and for each fault the description of its repair. `unseen` is a run
+    /// whose data must not be used for the repairs.
     fn dataset(&self, unseen: Option<usize>) -> (Dataset, Vec<Done>) {
         let mut dataset = self.logs.clone();
         let mut done: Vec<Done> = vec![None; self.faults.len()];
@@ -220,7 +229,7 @@ impl Mending<'_> {
         (dataset, done)
     }
 
-    /// Returns the repaired column of a run; `None` if the rebuilt readings are not accepted.
+    /// Returns the repaired readings of the faulty sensor in a run; `None` if no accurate repair is possible.
     fn replaced(
         &self,
         dataset: &Dataset,
@@ -315,7 +324,7 @@ mod tests {
         let whole = mend(&logs, &[0], &[frozen(0, 1, 0, 99)]);
         assert!(whole.mending.is_none() && whole.repaired.is_empty());
         assert!(
-            whole.excluded[0].reason.contains("which no other sensor can replace"),
+            whole.excluded[0].reason.contains("its readings cannot be rebuilt from other sensors"),
             "{:?}",
             whole.excluded
         );

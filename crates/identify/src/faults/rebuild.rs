@@ -1,12 +1,12 @@
-//! Rebuilds the readings of a faulty sensor from other sensors, its neighbours.
+//! Rebuilds the readings of a faulty sensor from the other sensors, which are called its neighbours.
 //!
 //! The rebuilt reading is a sum of the neighbours' readings, with and without lags. Ridge regression fits the gains of
 //! this sum on the donors and on the good rows of the same run. Donors are the runs in which the sensor and its
 //! neighbours were good.
 //!
-//! The error of the sum is measured: the same hours are hidden in each donor in turn and rebuilt from the rest. The
-//! lags and the ridge penalty with the smallest error are chosen. The rebuilt readings are shifted so that they join
-//! the good readings at both ends.
+//! To measure the error of this sum, the same hours are hidden in each donor in turn, and rebuilt. The lags and the
+//! ridge penalty with the smallest error are chosen. The rebuilt readings are shifted so that they continue the good
+//! readings at both ends without a step.
 
 use std::ops::Range;
 
@@ -17,45 +17,48 @@ use crate::gram::Gram;
 use crate::solve::ridge;
 use crate::statistics::{count, median};
 
-/// Time constants of the neighbours' lags, s.
+/// Time constants of the lags of the neighbours, s.
 const LAGS: [f64; 4] = [180.0, 720.0, 3000.0, 12_000.0];
 const RIDGES: [f64; 4] = [1e-2, 1e-3, 1e-4, 1e-5];
-/// Ridge penalty for the correction of a step. Its value has little effect, because the window is short.
+/// Ridge penalty for the correction of a step. This value has little effect, because the windows before and after the
+/// step are short.
 const STEP_RIDGE: f64 = 1e-3;
-/// Time next to each end of the rebuilt readings over which the residuals of the prediction are averaged, s.
+/// Time before and after the rebuilt readings over which the residuals of the prediction are averaged, s. The rebuilt
+/// readings are shifted by this mean.
 const TIE: f64 = 300.0;
-/// Lengths of the windows before and after a step whose mean readings are compared, min.
+/// Lengths of the window before and of the window after a step, min. The mean readings in the two windows are compared.
 const WINDOWS: [usize; 4] = [1, 3, 10, 30];
-/// Time between two used rows of the good runs, s.
+/// Minimum time between two used rows of the good runs, s.
 const THIN: f64 = 60.0;
-/// Minutes between the points of the good runs at which a step is estimated to measure the error of the estimate. The
-/// true step is zero at these points.
+/// Minutes between the points of the good runs at which the estimate of a step is tested. The true step at these points
+/// is zero, so each estimate is an error.
 const EVERY: usize = 7;
-/// Minimum distance of such a point from both ends of its run, min.
+/// Minimum distance of a tested point from both ends of its run, min.
 const FROM_ENDS: usize = 10;
 
-/// Prediction of one sensor from its neighbours, with the donors: the runs in which all these sensors were good.
+/// Prediction of the readings of one sensor from its neighbours. Donors are the runs in which all these sensors were
+/// good.
 pub(super) struct Likeness<'a> {
     dataset: &'a Dataset,
     column: usize,
     neighbours: Vec<usize>,
     /// Log rows of each donor (run in which all these sensors were good).
     tables: Vec<Table>,
-    /// Gram products of each table.
+    /// Gram products (X'X, X'y, y'y) of the rows of each donor.
     grams: Vec<Gram>,
 }
 
 /// Repaired column of a run.
 pub(super) struct Replaced {
-    /// Values, °C, row by row.
+    /// Readings after the repair in each row of the run, °C.
     pub(super) values: Vec<f64>,
     /// Description of the repair.
     pub(super) message: String,
-    /// Error of the same repair on good runs: root mean square, °C.
+    /// Error of the same repair on good runs, as a root mean square, °C.
     pub(super) error: f64,
 }
 
-/// Rows of a run: features of the neighbours, and readings of the sensor.
+/// Rows of a run: the readings of the neighbours with and without lags (features), and the readings of the sensor.
 struct Table {
     seconds: Vec<f64>,
     features: DMatrix<f64>,
@@ -78,7 +81,7 @@ impl Likeness<'_> {
         own
     }
 
-    /// Rebuilds these consecutive rows of this run from the neighbours. `None` if there are no rows.
+    /// Rebuilds the readings in consecutive rows of a run from the neighbours. `None` if `rows` is empty.
     pub(super) fn rebuilt(&self, run: usize, rows: &[usize]) -> Option<Replaced> {
         let own = self.table(run, 0.0);
         let (first, last) = (*rows.first()?, *rows.last()?);
@@ -97,8 +100,8 @@ impl Likeness<'_> {
         says.sort_by(|one, other| other.0.total_cmp(&one.0));
         let mostly = says.iter().take(2).map(|(_, neighbour)| self.dataset.columns[*neighbour].name.as_str());
         let message = format!(
-            "the constant readings were rebuilt, mostly from {} (± {error:.2} °C in good runs that were \
-             rebuilt in the same way)",
+            "the constant readings were rebuilt, mostly from {}. The same repair of good runs has an error of \
+             ± {error:.2} °C",
             mostly.collect::<Vec<&str>>().join(" and ")
         );
         let mut values = self.dataset.runs[run].values[self.column].to_vec();
@@ -107,8 +110,8 @@ impl Likeness<'_> {
         Some(Replaced { values, message, error })
     }
 
-    /// Returns the sensors (log columns) and the ridge penalty with the smallest error on the hidden hours of the
-    /// donors, and that error, °C. `None` if no donor has these hours.
+    /// Returns the feature columns and the ridge penalty with the smallest error on the hidden hours of the donors.
+    /// Also returns that error, °C. `None` if no donor has these hours.
     fn choose(&self, hidden: Span) -> Option<(Vec<usize>, f64, f64)> {
         let plain = self.neighbours.len();
         let widths: [Vec<usize>; 2] = [(0..plain).collect(), (0..plain * (1 + LAGS.len())).collect()];
@@ -139,8 +142,8 @@ impl Likeness<'_> {
         best
     }
 
-    /// Removes the step at the start of these rows. The step is estimated from the mean readings in a window before and
-    /// after it. The window with the smallest error on the good runs is used.
+    /// Removes the step at the start of these rows. The step is estimated from the mean readings in a window before the
+    /// step and in a window after it. The window length with the smallest error on the good runs is used.
     pub(super) fn without_step(&self, run: usize, rows: &[usize]) -> Option<Replaced> {
         let columns: Vec<usize> = (0..self.neighbours.len() * (1 + LAGS.len())).collect();
         let gains = ridge(&Gram::total(&self.grams), &columns, STEP_RIDGE);
@@ -163,18 +166,21 @@ impl Likeness<'_> {
         let (error, step) = tried.min_by(|one, other| one.0.total_cmp(&other.0))?;
         let mut values = self.dataset.runs[run].values[self.column].to_vec();
         rows.iter().for_each(|row| values[*row] -= step);
-        let message = format!("{:+.2} °C (± {error:.2}) were added to all readings after the jump", -step);
+        let message = format!(
+            "a correction of {:+.2} °C (± {error:.2}) was added to all readings after the jump",
+            -step
+        );
         Some(Replaced { values, message, error })
     }
 
-    /// Returns how much the readings change in the good runs, °C. The result is the root mean square of the readings
-    /// after subtraction of the mean of their run.
+    /// Returns how much the readings of the sensor change in the good runs, °C: the root mean square of the readings
+    /// about the mean of their run.
     pub(super) fn moves(&self) -> f64 {
         let all = Gram::total(&self.grams);
         (all.power / all.rows.max(1.0)).sqrt()
     }
 
-    /// Returns rows of a run that are at least `apart` seconds apart, as features and readings.
+    /// Returns rows of a run as features and readings. Two of these rows are at least `apart` seconds apart.
     fn table(&self, run: usize, apart: f64) -> Table {
         let run = &self.dataset.runs[run];
         let seconds: Vec<f64> = run.seconds().collect();
@@ -203,7 +209,8 @@ impl Likeness<'_> {
 }
 
 impl Table {
-    /// Returns the Gram products of the log rows outside `hidden`, with the mean subtracted.
+    /// Returns the Gram products of the log rows outside the time span `hidden`. The mean is subtracted from each
+    /// column.
     fn gram(&self, hidden: Option<Span>) -> Gram {
         let hidden = hidden.map_or(0..0, |hidden| self.inside(hidden));
         let may = |row: &usize| self.values[*row].is_finite() && !hidden.contains(row);
@@ -225,7 +232,7 @@ impl Table {
         before(from)..before(to)
     }
 
-    /// Returns each reading minus its prediction from the neighbours.
+    /// Returns the residual of each row: the reading minus its prediction from the neighbours.
     fn left(&self, columns: &[usize], gains: &DVector<f64>) -> Vec<f64> {
         let mut left = DVector::from_column_slice(&self.values);
         for (column, gain) in columns.iter().zip(gains.iter()) {
@@ -234,8 +241,8 @@ impl Table {
         left.data.into()
     }
 
-    /// Predicts the readings in the hidden rows from the neighbouring sensors, and shifts them so that they join the
-    /// readings at both ends.
+    /// Predicts the readings in the hidden rows from the neighbours. Shifts the predicted readings so that they
+    /// continue the readings at both ends without a step.
     fn filled(&self, columns: &[usize], gains: &DVector<f64>, hidden: Span) -> Vec<f64> {
         let rows = self.inside(hidden);
         let left = self.left(columns, gains);
@@ -264,9 +271,9 @@ impl Table {
     }
 }
 
-/// Returns the step of a reading at this log row; `None` if it cannot be computed. With a window, the step is the
-/// difference of the mean residuals after and before the row. Without a window, it is the change of the reading minus
-/// the usual slope around the row.
+/// Returns the step of the reading at the row `at`; `None` if it cannot be computed. With a window, the step is the
+/// mean residual after the row minus the mean residual before it. Without a window, the step is the change of the
+/// reading in the row, minus the usual change around it.
 fn step_at(left: &[f64], values: &[f64], at: usize, window: Option<usize>) -> Option<f64> {
     let mean = |rows: &[f64]| {
         let finite = rows.iter().filter(|value| value.is_finite());
@@ -292,7 +299,7 @@ fn step_at(left: &[f64], values: &[f64], at: usize, window: Option<usize>) -> Op
     }
 }
 
-/// Returns the lagged values with this time constant. The lag starts at the first value.
+/// Returns the values after a first-order lag with this time constant, s. The initial value is the first value.
 fn lagged(seconds: &[f64], values: &[f64], constant: f64) -> Vec<f64> {
     let mut follower = values.first().copied().unwrap_or(0.0);
     let mut last = seconds.first().copied().unwrap_or(0.0);
@@ -304,7 +311,8 @@ fn lagged(seconds: &[f64], values: &[f64], constant: f64) -> Vec<f64> {
     seconds.iter().zip(values).map(&mut follow).collect()
 }
 
-/// Replaces missing values by linear interpolation. Before the first and after the last value, that value is used.
+/// Replaces missing values by linear interpolation. The first value is repeated before itself, and the last value after
+/// itself.
 pub(super) fn bridged(seconds: &[f64], values: &[f64]) -> Vec<f64> {
     let good: Vec<usize> = (0..values.len()).filter(|row| values[*row].is_finite()).collect();
     let at = |row: usize| {

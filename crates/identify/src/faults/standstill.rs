@@ -1,18 +1,18 @@
-//! Periods of constant readings of a sensor in a run, and how each of them ends.
+//! Finds the periods in which the reading of a sensor was constant, and how each period ends.
 //!
-//! A sensor at thermal equilibrium has a constant reading, and a frozen sensor has one, too. The end of the constant
-//! period distinguishes the two cases. The next reading of a good sensor differs by one or two counts. The next reading
-//! of a frozen sensor differs by the whole change that it missed.
+//! The reading is constant at thermal equilibrium, but also if the sensor is frozen. The end of the constant period
+//! distinguishes the two. The next reading of a good sensor differs by one or two counts (smallest steps). The next
+//! reading of a frozen sensor differs by the whole change that the sensor missed.
 
 use crate::dataset::Run;
 use crate::statistics::median;
 
-/// Minimum duration of constant readings, s.
+/// Minimum duration of a period of constant readings, s.
 const LEAST: f64 = 180.0;
-/// Maximum time between two consecutive readings, as a multiple of the median time between them.
+/// Maximum time between two readings that count as consecutive, as a multiple of the median time between readings.
 const FOLLOWS: f64 = 2.0;
-/// Longest time over which one log row may be averaged, s. Such a row may contain readings from before and after a
-/// step, so that the next row has a part of the step, too.
+/// Longest time over which one log row may be averaged, s. Such a mean may contain readings from before and after a
+/// step. A part of the step is then only visible in the next row.
 const MEAN: f64 = 60.0;
 
 /// Period of at least three minutes with constant readings.
@@ -35,7 +35,7 @@ pub(crate) struct Standstill {
 pub(crate) enum End {
     /// The next reading has another value.
     Step {
-        /// Log row of the next reading, which has another value.
+        /// Log row of the next reading, which differs from the constant value.
         row: usize,
         /// Absolute difference between the next reading and the constant value, °C.
         size: f64,
@@ -46,13 +46,13 @@ pub(crate) enum End {
     OfRun,
 }
 
-/// Readings of one sensor in a run.
+/// Log rows of one sensor in a run that have a reading, with their times.
 struct Readings {
     /// Time of each row, s since the run's first row.
     seconds: Vec<f64>,
     /// Log rows in which the sensor has a reading.
     good: Vec<usize>,
-    /// Maximum time between consecutive readings, s.
+    /// Maximum time between two readings that count as consecutive, s.
     apart: f64,
 }
 
@@ -92,8 +92,8 @@ pub(crate) fn standstills(run: &Run, column: usize) -> Vec<Standstill> {
     found
 }
 
-/// Returns the largest step in a log column between two consecutive readings, except near the ends of constant
-/// readings. The result is the largest step of the temperature itself; 0 if there is none.
+/// Returns the largest step between two consecutive readings in a log column; 0 if there is no step. Steps near the
+/// ends of constant readings are ignored, because they may result from a freeze.
 pub(crate) fn largest_step(run: &Run, column: usize) -> f64 {
     let Readings { seconds, good, apart } = Readings::of(run, column);
     let values = run.values[column].to_vec();

@@ -1,5 +1,5 @@
-//! Detection of models that are worse than no compensation on too many held-out runs. Such a model is rejected, or a
-//! warning is added.
+//! Detection of models that make too many held-out runs worse than no compensation. Such a model is rejected if there
+//! are enough runs. Otherwise, a warning is added.
 
 use super::{Fallback, Identified};
 use crate::validate::Means;
@@ -10,22 +10,23 @@ const MOST_WORSE: f64 = 1.0 / 3.0;
 const ENOUGH_RUNS: usize = 6;
 
 impl Identified {
-    /// Returns the reason why the model should not be written to the profile, and what to do. `None` if the model may
-    /// be written, or if there is no model.
+    /// Returns a message with the reason why the model must not be written to the profile, and what to do. `None` if
+    /// the model may be written, or if there is no model.
     pub fn refusal(&self) -> Option<String> {
         let means = self.unprobed();
         let is_refused = self.is_assessed() && is_harmful(&means) && !self.learned.inputs().is_empty();
         is_refused.then(|| {
             format!(
-                "{}; at most a third is allowed. Find out what was different on these days and record more \
-                 such days, or leave inputs out with --without. --force writes the model in spite of this",
+                "{}; at most a third is allowed. Find out what was different on these days, and record more \
+                 days like these. Or leave inputs out with --without. With --force, the model is written \
+                 nevertheless",
                 self.leaves_worse("the model", &means)
             )
         })
     }
 
-    /// Removes the models for lost sensors that are worse than no compensation on too many runs. Also returns a message
-    /// about each removed model.
+    /// Removes the fallback models for lost sensors that are worse than no compensation on too many runs. Also returns
+    /// a message about each removed model.
     #[must_use]
     pub fn without_harmful_fallbacks(mut self) -> (Identified, Vec<String>) {
         if !self.is_assessed() {
@@ -54,7 +55,7 @@ impl Identified {
         let harmful = own.into_iter().chain(fallbacks).filter(|(_, means)| is_harmful(means));
         let warning = |(model, means): (String, &Means)| {
             format!(
-                "{}; with {ENOUGH_RUNS} or more held-out runs, such a model is not written",
+                "{}; if there were {ENOUGH_RUNS} or more held-out runs, this model would not be written",
                 self.leaves_worse(&model, means)
             )
         };
@@ -66,8 +67,8 @@ impl Identified {
         self.runs.len() >= ENOUGH_RUNS
     }
 
-    /// Returns the means of the held-out results without the simulated probe. The probe would hide the harm of a model,
-    /// and not every axis that uses the model has a probe.
+    /// Returns the means of the held-out results without a simulated probe. The corrections of a probe would hide that
+    /// a model is harmful, and an axis with this model may have no probe.
     fn unprobed(&self) -> Means {
         Means::unprobed(&self.held_out)
     }
@@ -82,8 +83,8 @@ impl Identified {
     }
 }
 
-/// Returns whether a model makes more than [`MOST_WORSE`] of the held-out runs worse. Without held-out runs, the share
-/// is NaN, and the model is not harmful.
+/// Returns whether a model makes more than [`MOST_WORSE`] of the held-out runs worse than no compensation. Without
+/// held-out runs, the share is NaN, and the result is `false`.
 fn is_harmful(means: &Means) -> bool {
     means.worse_share > MOST_WORSE
 }

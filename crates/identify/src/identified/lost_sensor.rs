@@ -1,4 +1,5 @@
-//! Replacement of a lost sensor: a virtual sensor, or a fallback model without the lost sensor.
+//! Replacement of a lost sensor (failed or frozen): a virtual sensor, which predicts its reading from the other
+//! sensors, or a fallback model, which does not need the sensor.
 
 use serde::Serialize;
 
@@ -12,30 +13,31 @@ use crate::region::Region;
 use crate::stand_in::StandIn;
 use crate::validate::{HeldOut, Means, leave_one_run_out};
 
-/// Model that is used if a sensor is lost.
+/// Fallback model: used instead of the model if one sensor is lost.
 #[derive(Clone, Debug, Serialize)]
 pub struct Fallback {
-    /// Signal that is lost.
+    /// Name of the signal of the lost sensor.
     pub without: String,
-    /// Name of the method.
+    /// Name of the method that identified the model.
     pub method: &'static str,
-    /// Terms of the model; empty for a formula.
+    /// Terms of the model; empty if the model is a formula.
     pub terms: Vec<TermFound>,
-    /// Range of the inputs. `None` if there are too many inputs, or if one is constant.
+    /// Range of the inputs in the logs. `None` if there are too many inputs, or if one input is constant.
     #[serde(rename = "envelope")]
     pub region: Option<Region>,
-    /// Formula with the remaining sensor and the time since machine start; `None` for other models.
+    /// Formula with the remaining sensor and the time since machine start; `None` if the model is a sum of terms.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub alone: Option<Alone>,
-    /// Expected error of the model, which grows with the hours; `None` if it is not known.
+    /// Expected error of the model: a standard deviation that grows with the hours since the datum (zero point). `None`
+    /// if it is not known.
     pub expected: Option<Expected>,
-    /// Means of the held-out results.
+    /// Means of the held-out results of this fallback model.
     #[serde(flatten)]
     pub means: Means,
 }
 
 impl Fallback {
-    /// Returns a description: the method, or the remaining sensor.
+    /// Returns a description of the model: its method, or the name of the remaining sensor.
     pub fn kind(&self) -> String {
         match &self.alone {
             Some(alone) => format!("{} alone, with the time since machine start", alone.signal),
@@ -44,8 +46,8 @@ impl Fallback {
     }
 }
 
-/// Returns fallback models for the loss of each input of the model, the best first. The fallback models use only inputs
-/// in `among`.
+/// Returns a fallback model for the loss of each input of the model, the best first. Fallback models use only inputs in
+/// `among`.
 pub(super) fn fallbacks(
     campaign: &Campaign<'_>,
     learner: &dyn Learner,
@@ -69,8 +71,8 @@ pub(super) fn fallbacks(
     Ok(found)
 }
 
-/// Returns a fallback model for each lost input. An input has no fallback model if the method cannot identify a model
-/// without it.
+/// Returns a fallback model for each lost input. There is none for an input if the method cannot identify a model
+/// without that input.
 fn without_each(
     campaign: &Campaign<'_>,
     learner: &dyn Learner,
@@ -105,7 +107,7 @@ fn without_each(
 }
 
 /// Chooses between virtual sensor and fallback model for each sensor. The virtual sensor is used if it depends on at
-/// least two other sensors, and no fallback model has a smaller residual error.
+/// least two other sensors, and if no fallback model for that sensor has a smaller residual error.
 pub(super) fn keep_the_better(stand_ins: &mut [StandIn], fallbacks: &mut Vec<Fallback>) {
     for stand_in in stand_ins {
         let is_for_it = |fallback: &Fallback| fallback.without == stand_in.signal;
@@ -119,7 +121,7 @@ pub(super) fn keep_the_better(stand_ins: &mut [StandIn], fallbacks: &mut Vec<Fal
     }
 }
 
-/// Returns the sensors whose loss neither a virtual sensor nor a fallback model compensates.
+/// Returns the sensors whose loss cannot be compensated, either by a virtual sensor or by a fallback model.
 pub(super) fn irreplaceable<'a>(
     sensors: impl Iterator<Item = &'a str>,
     stand_ins: &[StandIn],

@@ -1,9 +1,11 @@
-//! Fallback model of a `difference` model after the loss of one of its two sensors. The formula Cz = F(T, t) uses the
-//! remaining sensor and the time t since machine start (JP H07-61598 B2).
+//! Fallback model of a `difference` model, Cz = Kz·(A − B), after the loss of one of its two sensors A and B. Cz is the
+//! compensation value. The formula Cz = F(T, t) uses the temperature T of the remaining sensor and the time t since
+//! machine start (JP H07-61598 B2).
 //!
-//! `Kz·A + f1(t)` with `f1(t) = −Kz·(b·t + c)`: after two or three hours B rises in nearly a straight line. `−Kz·B +
-//! f2(t)` with `f2(t) = Kz·(K·√t + c)`: A rises with the root of the time. Kz is the gain of the difference. b, c and K
-//! are fitted by least squares to the temperatures themselves, as in the patent, not to their rises.
+//! Without B, the formula is `Kz·A + f1(t)` with `f1(t) = −Kz·(b·t + c)`, because after two or three hours B rises in
+//! nearly a straight line. Without A, the formula is `−Kz·B + f2(t)` with `f2(t) = Kz·(K·√t + c)`, because A rises with
+//! the root of the time. Kz is the gain of the difference. b, c and K are fitted by least squares to the temperatures
+//! themselves, as in the patent, not to their rises.
 
 use nalgebra::{Matrix2, Vector2};
 use serde::Serialize;
@@ -19,25 +21,25 @@ use isotherm_core::quantity::Moment;
 /// Formula of one sensor and the time since machine start.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Alone {
-    /// Text of the formula in a profile.
+    /// Text of the formula, as it is written in a profile.
     pub formula: &'static str,
-    /// Name of the sensor in the formula.
+    /// Letter of the remaining sensor in the formula: `A` or `B`.
     pub symbol: &'static str,
-    /// Signal of the sensor.
+    /// Name of the signal of the remaining sensor.
     pub signal: String,
-    /// Constants of the formula, with their names.
+    /// Constants of the formula, each with its name and value.
     pub constants: [(&'static str, f64); 3],
 }
 
-/// Remaining sensor with the temperature T. The temperature of the lost sensor is estimated as slope·f(t) + c, and Cz =
-/// sign·Kz·(T − estimate).
+/// Formula for one remaining sensor with the temperature T. The temperature of the lost sensor is estimated as
+/// slope·f(t) + c. Then Cz = sign·Kz·(T − estimate).
 struct Side {
     sign: f64,
     formula: &'static str,
     symbol: &'static str,
     /// Name of the slope in the formula.
     slope: &'static str,
-    /// Function f(t), t in seconds.
+    /// Function f(t) in the estimate, with t in seconds.
     of_time: fn(f64) -> f64,
 }
 
@@ -46,10 +48,11 @@ const FIRST: Side =
 const SECOND: Side =
     Side { sign: -1.0, formula: "Kz * (K*sqrt(t) + c - B)", symbol: "B", slope: "K", of_time: f64::sqrt };
 
-/// Temperature, time since machine start in s, and the Cz that would leave no error, µm; one tuple for each row.
+/// One tuple for each row: temperature in °C, time since machine start in s, and the Cz that would leave no error in
+/// µm.
 type Rows = Vec<(f64, f64, f64)>;
 
-/// Returns fallback models for the loss of either sensor; empty if the model is not a difference of two sensors.
+/// Returns two fallback models, for the loss of each sensor; empty if the model is not a difference of two sensors.
 pub(super) fn alone(
     campaign: &Campaign<'_>,
     bank: &Bank,
@@ -124,8 +127,8 @@ fn rows(campaign: &Campaign<'_>, run: usize, input: usize) -> Rows {
 }
 
 impl Side {
-    /// Returns slope and constant of the line that estimates the temperature of the lost sensor; `None` if they cannot
-    /// be computed.
+    /// Returns slope and constant c of the estimate of the lost sensor's temperature, fitted to these runs; `None` if
+    /// the fit is not possible.
     fn line<'a>(&self, runs: impl Iterator<Item = &'a Rows>, gain: f64) -> Option<(f64, f64)> {
         let (mut square, mut cross) = (Matrix2::zeros(), Vector2::zeros());
         for (temperature, seconds, target) in runs.flatten() {

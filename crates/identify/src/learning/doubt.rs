@@ -1,24 +1,25 @@
-//! Touches that are wrong: a chip under the probe, another part, another tool. They are found by the rule with which
-//! the gateway accepts or rejects a measurement.
+//! Finds wrong touches (measurements with a probe), for example if a chip was under the probe, or another part was
+//! measured. The rule is the same by which the gateway accepts or rejects a measurement.
 //!
-//! The residual of the model drifts. Between two touches, the variance P of the correction grows by q for each hour,
-//! from 0 at the datum. A touch has the variance σ²:
+//! The residual of the model drifts, and a correction follows it. The variance P of the correction is 0 at the datum
+//! (zero point) of the run, and grows by q per hour between two touches. A touch has the variance σ²:
 //!
 //! ```text
 //! P += q·Δt      e = residual − correction      K = P / (P + σ²)      correction += K·e      P *= 1 − K
 //! ```
 //!
-//! A touch with e² > 16·(P + σ²) is doubted. It is accepted if the next touch confirms it: the difference of the two
-//! touches is at most 4·√2·σ. Otherwise it is left out.
+//! A touch with e² > 16·(P + σ²) is doubtful. It is accepted only if the next touch confirms it: the difference of the
+//! two touches is at most 4·√2·σ.
 //!
-//! A touch with |e| > `max_error` of the probe is left out, even if the next touch agrees: a different part gives the
-//! same wrong result twice.
+//! A touch with |e| > `max_error` of the probe is rejected, even if the next touch agrees, because a different part
+//! gives the same wrong result twice.
 
-/// Maximum deviation of a touch that is accepted at once, in standard deviations.
+/// Maximum deviation of a touch that is accepted without confirmation by the next touch, in standard deviations.
 const BELIEVED: f64 = 4.0;
 
-/// Returns whether each touch is accepted. `hours` and `residuals` belong to the rows of a run. `sigma` is σ of a
-/// touch, µm, and `walk` is q, µm²/h. A touch with a deviation above `most`, µm, is never accepted.
+/// Returns for each touch whether it is accepted. `hours` contains the times and `residuals` the residual errors of the
+/// touches of a run. `sigma` is σ of a touch, µm, and `walk` is q, µm²/h. A touch whose deviation is more than `most`,
+/// µm, is always rejected.
 pub fn accepted(hours: &[f64], residuals: &[f64], (sigma, walk): (f64, f64), most: f64) -> Vec<bool> {
     let own = sigma * sigma;
     let (mut variance, mut correction) = (0.0_f64, 0.0_f64);

@@ -1,4 +1,4 @@
-//! Model in use of an axis, in the form in which it is compared with a candidate.
+//! Model in use of an axis, in the form in which it is compared with a candidate (a newly learned model).
 
 use crate::fleet::FleetModel;
 use crate::method::PriorTerm;
@@ -7,7 +7,7 @@ use isotherm_core::compensation::settings::AxisSettings;
 use isotherm_core::compensation::{LearnedModel, LearnedTerm};
 use isotherm_profile::{Profile, sha256};
 
-/// Model in use of an axis, in the form in which it is compared with a candidate.
+/// Model in use of an axis, as a sum of terms that can be compared with a candidate.
 #[derive(Clone, Debug, PartialEq)]
 pub struct InUse {
     pub(super) terms: Vec<PriorTerm>,
@@ -15,7 +15,7 @@ pub struct InUse {
 }
 
 impl InUse {
-    /// Returns the first model of an axis. An axis without a model has no term.
+    /// Returns the first model of an axis in the profile. For an axis without a model, the result has no terms.
     ///
     /// # Errors
     /// The model is not a sum of terms.
@@ -25,7 +25,8 @@ impl InUse {
         };
         let Kind::Linear(Linear { terms, slope: None, .. }) = &model.kind else {
             return Err(format!(
-                "model {} of axis {axis} is not a sum of terms without a slope: the candidate is not compared with it",
+                "model {} of axis {axis} is not a sum of terms, or has a slope: no candidate can be compared \
+                 with this model",
                 model.name
             ));
         };
@@ -41,13 +42,14 @@ impl InUse {
         Ok(InUse { terms: terms.iter().filter_map(term).collect(), expected: model.expected })
     }
 
-    /// Returns a candidate as the model in use. The expected error of the previous model is kept.
+    /// Returns a candidate in the form of a model in use. The expected error of the previous model is kept.
     #[must_use]
     pub fn replaced_by(&self, candidate: &FleetModel) -> InUse {
         InUse { terms: candidate.prior(), expected: self.expected }
     }
 
-    /// Returns the learned model that an axis has adopted. The expected error is that of the profile's first model.
+    /// Returns the learned model that an axis has adopted. The expected error is taken from the first model of the axis
+    /// in the profile.
     pub fn adopted(profile: &Profile, axis: &str, model: &LearnedModel) -> InUse {
         let term = |term: &LearnedTerm| {
             let signal = profile.signals.get(term.signal)?.name.clone();
@@ -60,19 +62,19 @@ impl InUse {
         }
     }
 
-    /// Returns a text that identifies the model. Terms without an effect do not change the text.
+    /// Returns a text (hash) that identifies the model. Terms without an effect do not change it.
     pub(super) fn fingerprint(&self) -> String {
         fingerprint(&self.terms)
     }
 }
 
-/// Returns a text that identifies a model. Terms without an effect do not change the text.
+/// Returns a text (hash) that identifies a model by its terms. Terms without an effect do not change it.
 pub(super) fn fingerprint(terms: &[PriorTerm]) -> String {
     let effective: Vec<&PriorTerm> = terms.iter().filter(|term| term.gain.abs() > 0.0).collect();
     sha256(format!("{effective:?}").as_bytes())
 }
 
-/// Returns the settings of an axis; `None` if the profile does not have it.
+/// Returns the settings of the axis with this name; `None` if the profile does not have this axis.
 pub(super) fn settings<'a>(profile: &'a Profile, axis: &str) -> Option<&'a AxisSettings> {
     profile.axes.iter().map(|axis| &axis.settings).find(|own| own.name == axis)
 }

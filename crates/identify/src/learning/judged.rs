@@ -1,4 +1,5 @@
-//! Rows of one run with the Cz of a model: residual errors, and the touches that are used.
+//! Rows of one run with the Cz (compensation value) of a model: the residual errors, and the touches that the model
+//! accepts.
 
 use super::doubt::accepted;
 use super::in_use::{InUse, settings};
@@ -15,28 +16,29 @@ use isotherm_core::compensation::settings::Filter;
 use isotherm_core::quantity::Moment;
 use isotherm_profile::Profile;
 
-/// Rows of one run with a model: time, measured error without compensation, and Cz of the model.
+/// Rows of one run: time, measured error without compensation, and the Cz that a model calculates.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct ModelRows {
     /// Time of each row, h since the datum.
     pub hours: Vec<f64>,
-    /// Measured error, µm.
+    /// Measured error without compensation in each row, µm.
     pub error: Vec<f64>,
-    /// Cz of the model, µm.
+    /// Cz that the model calculates for each row, µm.
     pub cz: Vec<f64>,
 }
 
 impl ModelRows {
-    /// Returns the residual error of each row, µm.
+    /// Returns the residual error in each row: measured error plus Cz, µm.
     pub fn left(&self) -> Vec<f64> {
         self.error.iter().zip(&self.cz).map(|(error, cz)| error + cz).collect()
     }
 }
 
-/// Returns the rows of the first run of a dataset with a model. The errors of the run contain no Cz.
+/// Returns the rows of the first run of a dataset, with the Cz of the model. The errors of that run must not contain
+/// Cz.
 ///
 /// # Errors
-/// The run cannot be used, or the model requires another input. The message says why.
+/// The run cannot be used, or the model requires another input. The message states the reason.
 pub fn rows(
     profile: &Profile,
     single: &Dataset,
@@ -53,13 +55,13 @@ pub fn rows(
     Ok(ModelRows { hours, error, cz })
 }
 
-/// Touches of one run, as accepted or rejected by a model.
+/// Touches of one run, divided into accepted and rejected touches.
 pub(super) struct JudgedTouches {
     /// Numbers of the averaging windows that contain the rejected touches.
     pub(super) rejected: Vec<u128>,
-    /// Number of all touches, including those that are left out.
+    /// Number of all touches of the run, accepted or rejected.
     all: usize,
-    /// Mean square of the residual error with the model in use, µm²; `None` if no model is in use.
+    /// Mean square of the residual error at the touches with the model in use, µm²; `None` if no model is in use.
     pub(super) left: Option<f64>,
     error: usize,
 }
@@ -69,7 +71,7 @@ impl JudgedTouches {
         self.all - self.rejected.len()
     }
 
-    /// Removes the rejected touches from the error of the run.
+    /// Removes the errors of the rejected touches from the run.
     pub(super) fn reject(&self, single: &mut Dataset, choice: &Choice) {
         for run in &mut single.runs {
             let first = run.times.first().copied().unwrap_or_default();
@@ -83,7 +85,8 @@ impl JudgedTouches {
     }
 }
 
-/// Accepts or rejects the touches of a single run by the model in use. If no model is in use, the candidate is used.
+/// Decides for each touch of a single run whether it is accepted, by its residual error with the model in use. If no
+/// model is in use, the candidate is used instead.
 pub(super) fn touches(
     profile: &Profile,
     single: &Dataset,
@@ -138,7 +141,7 @@ pub(super) fn touches(
     Ok(JudgedTouches { rejected, all, left, error: campaign.error })
 }
 
-/// Returns the rows of the only run of a campaign, and the residual error of a model in each row.
+/// Returns the rows of the only run of a campaign, and the residual error of the model with these terms in each row.
 fn residuals(campaign: &Campaign<'_>, terms: &[PriorTerm]) -> Result<(Bank, Vec<f64>), String> {
     let candidates = known(campaign, terms)?.iter().map(|(candidate, _)| *candidate).collect();
     let bank = Bank::new(campaign, candidates);
@@ -146,15 +149,15 @@ fn residuals(campaign: &Campaign<'_>, terms: &[PriorTerm]) -> Result<(Bank, Vec<
     Ok((bank, left))
 }
 
-/// Returns the residual error of a model in each row of the only run of a campaign.
+/// Returns the residual error of the model with these terms in each row of the only run of a campaign.
 fn residuals_of(campaign: &Campaign<'_>, bank: &Bank, terms: &[PriorTerm]) -> Result<Vec<f64>, String> {
     let model = Learned::Sum(known(campaign, terms)?);
     let run = bank.runs.first().ok_or("the run has no row")?;
     Ok(run.error().iter().zip(model.predict(campaign, bank, 0)).map(|(error, cz)| error + cz).collect())
 }
 
-/// Checks a single run. A constant sensor is used, because it has no effect. A run with any other faulty sensor is
-/// rejected, because nothing in the run shows the true reading.
+/// Checks the sensors in a single run. A constant sensor is used, because it has no effect. A run with any other faulty
+/// sensor is rejected, because no other data show the true reading.
 pub(super) fn prepared<'a>(
     profile: &Profile,
     single: &'a Dataset,
@@ -170,7 +173,7 @@ pub(super) fn prepared<'a>(
     }
 }
 
-/// Returns the standard deviation of a measurement with the probe, µm, and the growth per hour of the variance of a
+/// Returns two settings for the touches: the standard deviation of a touch, µm, and the growth of the variance of a
 /// correction, µm²/h.
 fn scatter(profile: &Profile, choice: &Choice) -> (f64, f64) {
     let axis = choice.axis.as_deref().unwrap_or_default();

@@ -1,5 +1,5 @@
-//! Learning record of an axis: the days on which models were compared, and the compared model. A checksum protects its
-//! file.
+//! Learning record of an axis: the results of the days on which a candidate was compared with the model in use. A
+//! checksum protects its file.
 
 use serde::{Deserialize, Serialize};
 
@@ -10,7 +10,7 @@ use isotherm_profile::sha256;
 const FORMAT: &str = "isotherm-learning";
 const VERSION: u64 = 1;
 
-/// Progress of the learning: the days on which models were compared, and the compared model.
+/// Learning record: the results of the compared days, and the models that were compared.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct Record {
@@ -19,7 +19,7 @@ pub(super) struct Record {
     /// SHA-256 of the candidate that was offered to the gateway after the last run. Empty if no candidate was offered.
     pub(super) offered: String,
     pub(super) judgement: Judgement,
-    /// Time of the last row that was used.
+    /// Time of the last log row from which the model has learned.
     pub(super) until: Moment,
     /// Number of runs whose products are stored.
     pub(super) runs: usize,
@@ -36,7 +36,7 @@ struct File {
 }
 
 impl Record {
-    /// Returns the content of the file.
+    /// Returns the content of the file with the learning record: JSON with a checksum.
     ///
     /// # Errors
     /// Returns a message if a number cannot be written as JSON.
@@ -51,14 +51,14 @@ fn seal(record: &Record) -> Result<String, String> {
     serde_json::to_vec(record).map(|bytes| sha256(&bytes)).map_err(|why| why.to_string())
 }
 
-/// Reads the content of the file.
+/// Reads the content of the file with the learning record, and verifies its checksum.
 ///
 /// # Errors
 /// Returns a message if the file is invalid or was changed.
 pub(super) fn read_record(bytes: &[u8]) -> Result<Record, String> {
     let file: File = serde_json::from_slice(bytes).map_err(|why| format!("no learning record: {why}"))?;
     if file.format != FORMAT || file.version != VERSION {
-        return Err(format!("no learning record of version {VERSION}"));
+        return Err(format!("the file is not a learning record of version {VERSION}"));
     }
     if file.sha256 != seal(&file.record)? {
         return Err("the checksum is wrong: the file was changed or damaged".to_owned());

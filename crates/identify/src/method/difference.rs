@@ -1,5 +1,6 @@
-//! `difference`: Cz = Kz·(A − B), JP H07-61598 B2. A and B are the two inputs, or the pair with the best fit. If one
-//! sensor fails, the remaining sensor is used alone: see `identified/single_sensor.rs`.
+//! `difference`: Cz = Kz·(A − B), JP H07-61598 B2. Cz is the compensation value, Kz the gain. A and B are the two
+//! inputs, or the pair of inputs with the best fit. If one sensor fails, the remaining sensor is used alone: see
+//! `identified/single_sensor.rs`.
 
 use crate::gram::{Gains, Gram};
 
@@ -19,8 +20,8 @@ pub(super) fn fit(gram: &Gram, columns: &[usize]) -> Result<Gains, String> {
         }
     }
     let (_, gain, a, b) = best.ok_or(
-        "a difference needs two sensors whose temperatures do not change alike: name them, --inputs \
-         bed,wheelhead",
+        "the method difference needs two sensors whose temperatures change differently: name two such \
+         sensors, for example --inputs bed,wheelhead",
     )?;
     Ok(vec![(a, gain), (b, -gain)])
 }

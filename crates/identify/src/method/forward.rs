@@ -1,40 +1,41 @@
-//! Forward search, validated on held-out runs.
+//! Forward search: adds the best column (candidate term) again and again, while the residual on held-out runs
+//! decreases.
 //!
-//! For each column, a fold stores three values: the product with the residual, the unexplained part, and the effect on
-//! the held-out runs. Therefore a trial of a column takes a few products. To add a column takes one pass over all
-//! columns for each chosen column.
+//! A fold is a division into training runs and held-out runs. The rest of a column is the part that the chosen columns
+//! do not explain. For each column, a fold stores the squared norm of its rest, and the product of its rest with the
+//! residual. Therefore a column can be tried with a few multiplications.
 
 use nalgebra::DVector;
 
 use crate::folds::Scaled;
 
-/// State of the search in one fold. The *rest* of a column is the column minus its projection on the chosen columns, in
-/// the training runs.
+/// State of the search in one fold. The rest of a column is the column minus its projection on the chosen columns. The
+/// projection is calculated in the training runs.
 struct Search<'a> {
     fold: &'a Scaled,
     penalty: f64,
-    /// Training runs, for each column: squared norm of its rest, plus the penalty.
+    /// For each column: squared norm of its rest in the training runs, plus the penalty.
     own: DVector<f64>,
-    /// Training runs, for each column: product of its rest with the residual of the target.
+    /// For each column: product of its rest with the residual of the target, in the training runs.
     pull: DVector<f64>,
-    /// Held-out runs, for each column: squared norm of its rest, without the penalty.
+    /// For each column: squared norm of its rest in the held-out runs, without the penalty.
     held_own: DVector<f64>,
-    /// Held-out runs, for each column: product of its rest with the residual of the target.
+    /// For each column: product of its rest with the residual of the target, in the held-out runs.
     held_pull: DVector<f64>,
     taken: Vec<ColumnEffect>,
-    /// Squared residual |y − Xw|² of the held-out runs.
+    /// Squared residual |y − Xw|² of the held-out runs with the chosen columns.
     left: f64,
 }
 
-/// Effect of choosing one candidate term on the rests (unexplained parts) of the other candidates.
+/// Effect of a chosen column on the rests (unexplained parts) of the other columns.
 struct ColumnEffect {
-    /// Squared norm of the rest of the chosen column when it was chosen, in the training runs and in the held-out runs.
+    /// Squared norm of the rest of the chosen column when it was chosen: `own` in the training runs, `held_own` in the
+    /// held-out runs.
     own: f64,
     held_own: f64,
-    /// For each other column: the factor by which the rest of the chosen column was multiplied before it was
-    /// subtracted.
+    /// For each other column: multiple of the rest of the chosen column that was subtracted from its rest.
     shares: DVector<f64>,
-    /// For each other column: product of its rest and that of the chosen column in the held-out runs, before the
+    /// For each other column: product of its rest and the rest of the chosen column in the held-out runs, before the
     /// subtraction.
     held: DVector<f64>,
 }
@@ -53,12 +54,12 @@ impl Search<'_> {
         }
     }
 
-    /// Returns the gain of a candidate term (column) if it is chosen next.
+    /// Returns the gain that a column (candidate term) would have if it were chosen next.
     fn gain(&self, column: usize) -> f64 {
         self.pull[column] / self.own[column].max(1e-9)
     }
 
-    /// Returns the squared residual of the held-out runs if this candidate term (column) is chosen next.
+    /// Returns the squared residual of the held-out runs if this column (candidate term) were chosen next.
     fn left(&self, column: usize) -> f64 {
         let gain = self.gain(column);
         self.left + gain * (gain * self.held_own[column] - 2.0 * self.held_pull[column])
@@ -90,14 +91,14 @@ impl Search<'_> {
 }
 
 /// Adds columns as long as the residual of the held-out runs decreases, at most `most` columns. Returns the columns in
-/// the order of their choice, and the squared residual of the held-out runs.
+/// the order in which they were chosen, and the squared residual of the held-out runs.
 pub(super) fn forward(folds: &[&Scaled], penalty: f64, most: usize) -> (Vec<usize>, f64) {
     let width = folds.first().map_or(0, |fold| fold.held.cross.len());
     let each_its_own: Vec<Option<usize>> = (0..width).map(Some).collect();
     forward_once_each(folds, penalty, most, &each_its_own)
 }
 
-/// Forward search with at most one candidate term (column) of each group. A candidate without a group is not chosen.
+/// Forward search with at most one candidate term (column) of each group. A column without a group is never chosen.
 pub(super) fn forward_once_each(
     folds: &[&Scaled],
     penalty: f64,

@@ -5,35 +5,36 @@ use std::fmt;
 /// Identification method. [`Method::ALL`] contains the description of each.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Method {
-    /// Mean of a ridge regression and an elastic net on whitened log rows (rows without their slow random drift).
+    /// Mean of a ridge regression and an elastic net on whitened log rows (rows from which their slow random drift is
+    /// removed).
     #[default]
     Whitened,
-    /// Mean of a forward search and an elastic net.
+    /// Mean of a forward search and an elastic net on pairs of sensor and lag.
     SparseLag,
-    /// Ridge regression with lags.
+    /// Ridge regression on every sensor through every lag.
     RidgeLag,
-    /// Stepwise regression by partial F tests.
+    /// Stepwise regression: terms are added and removed by partial F tests.
     Stepwise,
     /// Ordinary least squares on the rises of all sensors, without lags.
     Ols,
     /// Sum of lagged terms, each with a fitted time constant.
     Lag,
-    /// A constant part and a slope over a position.
+    /// Terms of Cz (the compensation value) and of its slope over a position.
     Position,
-    /// Two sources of heat, identified one after the other.
+    /// Two sources of heat, which are identified one after the other.
     TwoSource,
     /// Difference of two sensors.
     Difference,
-    /// Network of radial basis functions.
+    /// Network of radial basis functions, which are Gaussian functions around centres.
     Rbf,
-    /// Network trained by back-propagation.
+    /// Network with one layer of neurons, trained by back-propagation.
     Network,
-    /// No model: the uncompensated machine, or a probe alone.
+    /// No model: results of the uncompensated machine, or of a probe alone.
     None,
 }
 
 impl Method {
-    /// Every method, with its name on the command line and in JSON, and a description.
+    /// All methods. Each item is the method, its name on the command line and in JSON, and its description.
     pub const ALL: [(Method, &'static str, &'static str); 12] = [
         (
             Method::Whitened,
@@ -80,19 +81,19 @@ impl Method {
         (Method::None, "none", "No model: the uncompensated machine, or a probe alone"),
     ];
 
-    /// Returns the name on the command line and in JSON.
+    /// Returns the name of the method on the command line and in JSON.
     pub fn name(self) -> &'static str {
         Method::ALL.iter().find(|(method, ..)| *method == self).map_or("", |(_, name, _)| *name)
     }
 
-    /// Returns whether the method shrinks or selects gains. The standard errors of the gains then follow from their
+    /// Returns whether the method shrinks or selects gains. The standard errors of such gains are calculated from their
     /// spread between fits, because no formula gives them.
     pub(crate) fn is_penalized(self) -> bool {
         matches!(self, Method::Whitened | Method::SparseLag | Method::RidgeLag | Method::Position)
     }
 
-    /// Returns the method of the fallback model for a lost sensor: this method, used without that sensor. For a
-    /// network, it is a linear method, because a network is least reliable on unknown days.
+    /// Returns the method that identifies the fallback model for a lost sensor. It is the same method, except for a
+    /// network: then it is a linear method, because a network is less reliable on unknown days.
     pub(crate) fn stand_in(self) -> Method {
         match self {
             Method::Rbf | Method::Network => Method::Whitened,

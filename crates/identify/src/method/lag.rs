@@ -1,8 +1,9 @@
-//! `lag`: `E = Σ K·L·ΔT·(1 − e^(−t/C))`, Janeczko 1989. Each of a few sensors has one gain and one time constant.
+//! `lag`: `E = Σ K·L·ΔT·(1 − e^(−t/C))`, Janeczko 1989. A few sensors are used, each with one gain and one time
+//! constant.
 //!
 //! A forward search over the candidate terms, with one term per sensor, gives the sensors and the initial time
-//! constants. Then golden-section search minimizes the residual over each time constant in turn. At every step, the
-//! gains follow by least squares.
+//! constants. Then a golden-section search minimizes the residual over each time constant in turn. At every step of
+//! that search, the gains are calculated by least squares.
 
 use std::time::Duration;
 
@@ -24,16 +25,16 @@ pub(super) struct Lagging<'a> {
     terms: usize,
 }
 
-/// Default of the maximum number of sensors. Janeczko uses one to three sensors per axis.
+/// Default maximum number of sensors. Janeczko uses one to three sensors per axis.
 const MOST_TERMS: usize = 4;
 const PENALTY: f64 = 1e-3;
-/// Number of passes over the time constants.
+/// Number of passes over all time constants. Each pass optimizes every time constant once.
 const ROUNDS: usize = 4;
-/// Initial factor of the search range around a time constant: about the ratio of neighbouring time constants of the
-/// candidate terms.
+/// Initial search range around a time constant, as a factor up and down. It is about the ratio of neighbouring time
+/// constants of the candidate terms.
 const AROUND: f64 = 2.2;
-/// Time constant below which a lag has no effect on log rows that are means of a minute, s. The term is then written
-/// without a lag.
+/// Time constant below which a lag has no effect on log rows that are means of a minute, s. A term with a smaller time
+/// constant is written without a lag.
 const FASTEST: f64 = 20.0;
 const SLOWEST: f64 = 5.0 * 86_400.0;
 
@@ -52,12 +53,13 @@ impl<'a> Lagging<'a> {
         chosen.into_iter().map(|column| self.bank.candidates[column]).collect()
     }
 
-    /// Returns the rises of the candidates in the rows of these runs.
+    /// Returns for each run the rises of the candidates in its rows.
     fn columns(&self, runs: &[usize], candidates: &[Candidate]) -> Vec<DMatrix<f64>> {
         runs.iter().map(|run| trace(self.campaign, *run, candidates, Rows::WithError).rises).collect()
     }
 
-    /// Returns the sum of squared residuals with these columns over all runs, and the gains.
+    /// Fits these columns to the targets of the runs by least squares. Returns the sum of squared residuals, and the
+    /// gains.
     fn fit(&self, runs: &[usize], columns: &[DMatrix<f64>]) -> (f64, DVector<f64>) {
         let gram = |(rises, run): (&DMatrix<f64>, &usize)| Gram::of(rises, &self.bank.runs[*run].target);
         let sum = Gram::total(&columns.iter().zip(runs).map(gram).collect::<Vec<Gram>>());
@@ -108,8 +110,8 @@ impl Learner for Lagging<'_> {
     }
 }
 
-/// Returns the position of the minimum of a unimodal function, within 0.001, by golden-section search. The position is
-/// the logarithm of a time constant in s.
+/// Returns the position of the minimum of a function with a single minimum, within 0.001, by golden-section search.
+/// Here, a position is the logarithm of a time constant in s.
 fn golden(mut low: f64, mut high: f64, cost: &mut dyn FnMut(f64) -> f64) -> f64 {
     const SHARE: f64 = 0.618_033_988_75;
     let (mut left, mut right) = (high - SHARE * (high - low), low + SHARE * (high - low));

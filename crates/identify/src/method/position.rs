@@ -1,7 +1,9 @@
-//! `position`: Δz(z) = Δz(z0) + k·(z − z0), Li, Yang, Zhang, Zhang 1998. The constant part and the slope are sums over
-//! (sensor, lag). The forward search of `sparse-lag` selects the terms of the two sums together, on held-out runs.
+//! `position`: Δz(z) = Δz(z0) + k·(z − z0), Li, Yang, Zhang, Zhang 1998. Δz(z) is the error at the position z; it has a
+//! constant part and a slope k over the position. Both are sums of terms; each term is a sensor with a lag. The forward
+//! search of the method `sparse-lag` selects the terms of both sums together, on held-out runs.
 //!
-//! A rise and the same rise times the distance differ by construction. Therefore a small ridge penalty is enough.
+//! A term of the slope is a rise times the distance from z0. Such a term always differs from the rise itself. Therefore
+//! a small ridge penalty is enough.
 
 use std::time::Duration;
 
@@ -12,7 +14,7 @@ use crate::folds::Inner;
 use crate::gram::{Gains, Gram};
 use crate::statistics::range;
 
-/// Ridge penalty of the forward search, for candidate terms that are scaled to a root mean square of 1.
+/// Ridge penalty of the forward search. The candidate terms are scaled to a root mean square of 1.
 const HELD: [f64; 1] = [1e-3];
 
 /// Fits a model with at most `terms` terms.
@@ -22,11 +24,13 @@ pub(super) fn fit(grams: &[Gram], runs: &[usize], columns: &[usize], terms: Opti
     in_columns(&by_forward(&inner.all, &inner.scaled(), most, &HELD, false), columns)
 }
 
-/// Creates the matrix of candidate terms: every input through every lag. Each of these terms also occurs multiplied by
-/// the distance from the reference position.
+/// Creates the matrix of candidate terms: every input through every lag. Each of these terms occurs twice: as it is,
+/// and multiplied by the distance from the reference position.
 pub(super) fn bank(campaign: &Campaign<'_>, lags: &[Option<Duration>]) -> Result<Bank, String> {
     let Some(position) = &campaign.position else {
-        return Err("position needs the signal with the position of the axis: --position scale_z".to_owned());
+        return Err("the method position needs the signal with the position of the axis, for example \
+                    --position scale_z"
+            .to_owned());
     };
     let places = campaign.dataset.runs.iter().flat_map(|run| &run.values[position.input.column]);
     if range(places) < 1.0 {
@@ -58,8 +62,8 @@ fn returns(campaign: &Campaign<'_>, name: &str) -> Result<(), String> {
         return Ok(());
     }
     Err(format!(
-        "{name} rarely returns to a position ({once} of {rows} rows are first visits). An error is counted \
-         from the first visit of its position, rounded to a millimetre. Measure repeatedly at the same few positions, \
-         from the cold machine on"
+        "{name} rarely returns to an earlier position ({once} of {rows} rows are the first row at their \
+         position). The error at a position is counted from its first row there; positions are rounded to a \
+         millimetre. Measure repeatedly at the same few positions, beginning with the cold machine"
     ))
 }

@@ -1,15 +1,15 @@
 //! `ridge-lag`: every sensor through every lag. A ridge penalty, chosen by validation on held-out runs, keeps all gains
 //! small.
 //!
-//! This method is best inside the envelope, the range of inputs in the logs. Outside the envelope, a sparse model is
-//! safer.
+//! This method is best inside the envelope, which is the range of the inputs in the logs. Outside the envelope, a model
+//! with few terms is safer.
 
 use crate::folds::Inner;
 use crate::gram::{Gains, Gram};
 use crate::solve::least_squares;
 use crate::statistics::least_sum;
 
-/// Small ridge penalty for a single run, with which no validation is possible.
+/// Ridge penalty if there is only one run, because no validation is possible then. The penalty is small.
 const UNVALIDATED: f64 = 0.1;
 
 pub(super) fn fit(grams: &[Gram], runs: &[usize], columns: &[usize]) -> Gains {

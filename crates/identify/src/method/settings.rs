@@ -7,43 +7,44 @@ use super::Method;
 /// Options of the methods.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Settings {
-    /// Method that identifies the model.
+    /// Method by which the model is identified.
     pub method: Method,
-    /// Time constants to try; empty for the default of the method.
+    /// Time constants of the lags that the method tries; empty for the default of the method.
     pub lags: Vec<Option<Duration>>,
-    /// Maximum number of terms; `None` for the limit of the method.
+    /// Maximum number of terms in the model; `None` for the default limit of the method.
     pub terms: Option<usize>,
-    /// whitened: maximum number of sensors; `None` for no limit.
+    /// Method `whitened`: maximum number of sensors; `None` for no limit.
     pub sensors: Option<usize>,
-    /// whitened: terms of an existing model, towards which the gains shrink (prior). `None` shrinks them towards zero.
+    /// Method `whitened`: terms of an existing model (prior), towards which the gains shrink. `None` shrinks them
+    /// towards zero.
     pub prior: Option<Vec<PriorTerm>>,
-    /// two-source: runs in which only the first source of heat is active.
+    /// Method `two-source`: names of the runs in which only the first source of heat is active.
     pub waiting: Vec<String>,
-    /// two-source: inputs of the first source of heat.
+    /// Method `two-source`: names of the sensors for the first source of heat.
     pub first: Vec<String>,
-    /// two-source: inputs of the second source of heat.
+    /// Method `two-source`: names of the sensors for the second source of heat.
     pub second: Vec<String>,
-    /// Time between independent samples. Partial F tests count one sample per this time, because closer rows are not
-    /// independent.
+    /// Minimum time between rows that count as independent samples. Partial F tests count one sample per this time,
+    /// because closer rows depend on each other.
     pub independent: Duration,
-    /// rbf: number of radial basis functions.
+    /// Method `rbf`: number of radial basis functions.
     pub centres: usize,
-    /// network: number of neurons.
+    /// Method `network`: number of neurons.
     pub neurons: usize,
-    /// rbf, network: seed of the random numbers. The same seed gives the same model.
+    /// Methods `rbf` and `network`: seed of the random numbers. The same seed gives the same model.
     pub seed: u64,
 }
 
-/// Term of an existing model.
+/// Term of an existing model (prior).
 #[derive(Clone, Debug, PartialEq)]
 pub struct PriorTerm {
     /// Name of the signal.
     pub signal: String,
     /// Time constant of the lag; `None` for no lag.
     pub lag: Option<Duration>,
-    /// Whether the input of the term is the square of the reading.
+    /// Whether the input of the term is the square of the signal.
     pub squared: bool,
-    /// Gain of the term for Cz, in µm per unit of the input.
+    /// Gain: contribution of the term to Cz (the compensation value), in µm per unit of the input.
     pub gain: f64,
 }
 
@@ -97,8 +98,8 @@ impl Settings {
         }
         if self.sensors.is_some() && self.prior.is_some() {
             return Err(
-                "--sensors chooses sensors, but the model of --prior has its own: use only one of these \
-                 options"
+                "--sensors selects sensors, but the model after --prior already has its own sensors: use only \
+                 one of these options"
                     .to_owned(),
             );
         }

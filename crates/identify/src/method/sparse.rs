@@ -1,11 +1,12 @@
-//! `sparse-lag`: mean of two searches over (sensor, lag) with different errors.
+//! `sparse-lag`: mean of two searches for the best pairs of sensor and lag. The two searches make different errors.
 //!
-//! - Forward search with a ridge, validated on held-out runs: it repeatedly adds the term that reduces their residual
-//!   most, up to ten terms. It uses few sensors, and is safe outside the envelope. However, small differences decide
-//!   which of two similar sensors it selects. Therefore the search is repeated without each of the folds, and the
-//!   results are averaged.
-//! - Elastic net. Validation on held-out runs determines the position on its path. Its L1 part removes most terms, and
-//!   its L2 part divides a gain among similar sensors. It is more stable inside the envelope, with more terms.
+//! - Forward search with a ridge, validated on held-out runs: it repeatedly adds the term that reduces the held-out
+//!   residual most, up to ten terms. The result has few sensors, and is safe outside the envelope (the range of inputs
+//!   in the logs). However, small differences decide which of two similar sensors it selects. Therefore the search is
+//!   repeated with each fold (group of held-out runs) left out, and the results are averaged.
+//! - Elastic net: its L1 penalty removes most terms, and its L2 penalty divides a gain among similar sensors.
+//!   Validation on held-out runs determines the L1 penalty. The result has more terms, and is more stable inside the
+//!   envelope.
 //!
 //! Both searches give linear models, so their mean is linear, too. With a limit on the number of terms, only the
 //! forward search is used.
@@ -19,21 +20,21 @@ use crate::solve::{Net, ridge};
 use crate::statistics::{count, least_sum};
 
 /// Ridge penalties of the forward search, for columns of root mean square 1. With few runs, a choice between them is
-/// unreliable. Therefore the weaker one is used only if its residual on held-out runs is less than [`CLEARLY`] times as
-/// large.
+/// unreliable. Therefore the smaller penalty is used only if its residual on held-out runs is less than [`CLEARLY`]
+/// times that of the larger penalty.
 const HELD: [f64; 2] = [0.3, 0.01];
 const CLEARLY: f64 = 0.4;
 const MOST_TERMS: usize = 10;
 /// L2 penalties of the elastic net, chosen in the same way as [`HELD`]. An L2 penalty is useful because sensors of one
 /// machine are similar.
 const SHARED: [f64; 2] = [0.1, 0.003];
-/// Number of penalties on the path of the elastic net, each a quarter decade below the previous one.
+/// Number of L1 penalties that are tried for the elastic net. Each is a quarter decade below the previous penalty.
 const STEPS: usize = 13;
-/// Index on the path of the elastic net, and maximum number of terms, for a single run, with which no validation is
-/// possible.
+/// Values for a single run, with which no validation is possible: index of the L1 penalty, and maximum number of terms
+/// of the forward search.
 const UNVALIDATED: usize = 5;
 
-/// Fits a model with at most `terms` terms, if there is a limit.
+/// Fits a model. `terms` is the maximum number of terms; `None` for no limit.
 pub(super) fn fit(grams: &[Gram], runs: &[usize], columns: &[usize], terms: Option<usize>) -> Gains {
     let inner = Inner::of(grams, runs).of_columns(columns).or_itself();
     let folds = inner.scaled();
@@ -46,7 +47,7 @@ pub(super) fn fit(grams: &[Gram], runs: &[usize], columns: &[usize], terms: Opti
     in_columns(&gains, columns)
 }
 
-/// Returns the maximum number of terms of a forward search.
+/// Returns the maximum number of terms of a forward search. `asked` is the limit that the operator requested.
 pub(super) fn most_terms(runs: &[usize], asked: Option<usize>) -> usize {
     let most = asked.unwrap_or(MOST_TERMS);
     if runs.len() < 2 { most.min(UNVALIDATED) } else { most }
@@ -58,8 +59,8 @@ pub(super) fn in_columns(gains: &DVector<f64>, columns: &[usize]) -> Gains {
     gains.filter(|(_, gain)| gain.abs() > 0.0).collect()
 }
 
-/// Forward search with the first ridge penalty, or with a later one if its residual is clearly smaller. With `is_mean`,
-/// the result is the mean of searches that each leave out one fold.
+/// Returns the gains of a forward search with the first ridge penalty, or with a later penalty if the residual of that
+/// penalty is clearly smaller. If `is_mean`, the result is the mean of several searches, each without one of the folds.
 pub(super) fn by_forward(
     all: &Gram,
     folds: &[Scaled],
@@ -105,14 +106,14 @@ fn by_net(all: &Gram, folds: &[Scaled]) -> DVector<f64> {
     last.map_or_else(|| DVector::zeros(0), |gains| gains.component_div(&scales))
 }
 
-/// Returns the first item, or a later item if its cost is clearly lower. The first number of each pair is the cost.
+/// Returns the first item, or a later item if its cost is clearly lower. Each pair is a cost and an item.
 fn first_unless_clearly<T>(tried: impl Iterator<Item = (f64, T)>) -> Option<T> {
     let better = |best: (f64, T), next: (f64, T)| if next.0 < CLEARLY * best.0 { next } else { best };
     tried.reduce(better).map(|(_, best)| best)
 }
 
-/// Returns the gains of the elastic net for each of the first `steps` L1 penalties, the largest penalty first. The
-/// gains are those of the scaled columns.
+/// Returns the gains of the elastic net for each of the `steps` largest L1 penalties, the largest penalty first. The
+/// gains apply to the scaled columns.
 fn path(scaled: &Gram, shared: f64, steps: usize) -> Vec<DVector<f64>> {
     let mut net = Net::new(scaled, shared);
     let first = net.first_penalty();

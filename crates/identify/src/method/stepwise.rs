@@ -1,7 +1,7 @@
-//! `stepwise`: terms are added and removed by partial F tests, with a realistic number of independent samples.
+//! `stepwise`: terms are added and removed by partial F tests. Such a test needs the number of independent samples.
 //!
-//! Minute rows of a slow machine are not independent. If they were counted as independent, nearly every sensor would
-//! seem significant.
+//! Successive minute rows of a slow machine depend on each other. If each row counted as an independent sample, nearly
+//! every sensor would seem significant.
 
 use statrs::distribution::{ContinuousCDF, FisherSnedecor};
 
@@ -14,7 +14,7 @@ const ENTERS: f64 = 0.01;
 /// Significance level (p-value) above which a term is removed.
 const LEAVES: f64 = 0.05;
 
-/// Step of the search: a candidate term that is added or removed.
+/// Step of the search, in which a candidate term is added or removed.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Move {
     pub(crate) column: usize,
@@ -25,7 +25,8 @@ pub(crate) struct Move {
     pub(crate) chance: f64,
 }
 
-/// Fits a model with at most `most` terms.
+/// Fits a model with at most `most` terms. `rows_per_sample` is the number of rows that count as one independent
+/// sample.
 pub(super) fn fit(gram: &Gram, rows_per_sample: f64, columns: &[usize], most: usize) -> Gains {
     let (moves, _) = search(gram, gram.rows / rows_per_sample, columns, most);
     let mut chosen: Vec<usize> = Vec::new();
@@ -39,8 +40,8 @@ pub(super) fn fit(gram: &Gram, rows_per_sample: f64, columns: &[usize], most: us
     chosen.into_iter().zip(gains.iter().copied()).collect()
 }
 
-/// Returns the steps in order, and the next best candidate term, which is not added because it is not significant. This
-/// candidate is `None` if the search ends for another reason.
+/// Returns the steps in order. Also returns the best candidate term that is not added because it is not significant;
+/// `None` if the search ends for another reason.
 pub(crate) fn search(gram: &Gram, samples: f64, columns: &[usize], most: usize) -> (Vec<Move>, Option<Move>) {
     let left = |chosen: &[usize]| match chosen {
         [] => gram.power,

@@ -1,12 +1,13 @@
-//! Common part of the methods `rbf` and `network` (after Ren et al., Chen and Wang).
+//! Common part of the network methods `rbf` and `network` (after Ren et al., Chen and Wang).
 //!
-//! The two methods use each input directly and through a few lags, as the gateway calculates them. Like the linear
-//! methods, they give zero if all rises are zero. Their smoothness is chosen on runs that are held out of the training
-//! runs, never on the run of the final validation. The criterion is the residual about its own mean, because the range
-//! of the error in a run is the most important result.
+//! The two methods use each input directly and through a few lags, as the gateway calculates them. If all rises (values
+//! minus references) are zero, the output of the network is zero, as with the linear methods. The size and length of
+//! the training are chosen on runs that are held out of the training runs, never on the run of the final validation.
+//! The criterion is the residual minus its mean in the run, because the range of the error in a run is the most
+//! important result.
 //!
 //! If rows are averaged, the training uses means of rises. A gateway with a shorter period applies the network to each
-//! single rise. For a non-linear network, the results differ, but by much less than the noise of a probe.
+//! single rise. The results of a non-linear network then differ a little, by much less than the noise of a probe.
 
 use std::time::Duration;
 
@@ -34,7 +35,7 @@ const LAGS_MIN: [u64; 2] = [12, 50];
 /// The validation uses all rows.
 const APART: f64 = 600.0;
 
-/// Type and size of the network.
+/// Type of the network, with its size.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Shape {
     /// Number of radial basis functions.
@@ -43,19 +44,20 @@ pub(super) enum Shape {
     Neurons(usize),
 }
 
-/// Network method (`rbf` or `network`) with its data.
+/// Network method (`rbf` or `network`), together with the data from which it learns.
 pub(super) struct Trained {
     bank: Bank,
     /// Indices of the candidate terms that the network may use.
     columns: Vec<usize>,
-    /// Names of the inputs.
+    /// Names of the inputs, for the model file.
     names: Vec<String>,
     every: usize,
     shape: Shape,
     seed: u64,
 }
 
-/// Rows of one or more runs: scaled temperature rises, and the scaled Cz that would leave no error.
+/// Rows of one or more runs for the training: scaled rises of the temperatures, and the scaled Cz (compensation value)
+/// that would leave no error.
 #[derive(Clone, Debug)]
 struct Samples {
     rises: DMatrix<f64>,
@@ -74,7 +76,7 @@ impl Samples {
     }
 }
 
-/// Fold of the inner validation: the training rows, and each held-out run.
+/// Fold of the inner validation: the rows of the training runs, and the rows of each held-out run.
 #[derive(Debug)]
 struct Fold<'a> {
     /// Index of the fold, from zero.
@@ -84,8 +86,8 @@ struct Fold<'a> {
 }
 
 impl Fold<'_> {
-    /// Returns the squared residual of `output`, summed over the held-out runs. Each residual is counted from the mean
-    /// of its run.
+    /// Returns the squared residual of the network `output`, summed over the held-out runs. The mean residual of each
+    /// run is subtracted first.
     fn left(&self, output: impl Fn(&DMatrix<f64>) -> DVector<f64>) -> f64 {
         self.held.iter().map(|run| about_mean(&(output(&run.rises) - &run.target))).sum()
     }
@@ -95,7 +97,8 @@ fn about_mean(left: &DVector<f64>) -> f64 {
     left.norm_squared() - left.mean().powi(2) * count(left.len())
 }
 
-/// Returns the index of the smallest sum of costs over all folds; `None` if there are no folds.
+/// Returns the index of the cost whose sum over all folds is the smallest; `None` if there are no folds. `costs`
+/// calculates the costs of all choices in a fold.
 fn least(folds: &[Fold<'_>], costs: impl Fn(&Fold<'_>) -> Vec<f64> + Sync + Send) -> Option<usize> {
     let costs: Vec<Vec<f64>> = folds.par_iter().map(costs).collect();
     least_sum(costs).map(|(place, _)| place)
@@ -124,8 +127,8 @@ impl Trained {
             bank.candidates.iter().enumerate().filter(may).map(|(place, _)| place).collect();
         if columns.len() > WIDEST {
             return Err(format!(
-                "{} inputs through {} lags are {} numbers, but a network accepts at most {WIDEST}: name \
-                 fewer sensors with --inputs, or fewer --lags",
+                "{} inputs, each with {} lags, give {} input numbers, but a network accepts at most {WIDEST}. \
+                 Name fewer sensors with --inputs, or fewer lags with --lags",
                 campaign.inputs.len(),
                 lags.len(),
                 columns.len()
@@ -136,7 +139,7 @@ impl Trained {
             Shape::Neurons(neurons) => (neurons, WIDEST / neurons::MEMBERS, "--neurons"),
         };
         if nodes == 0 || nodes > most {
-            return Err(format!("{option} {nodes}: 1 to {most} are possible"));
+            return Err(format!("{option} {nodes}: the number must be between 1 and {most}"));
         }
         #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "1 to 600 rows")]
         let every = (APART / campaign.row_seconds()).round().clamp(1.0, APART) as usize;

@@ -1,6 +1,7 @@
-//! `two-source`: C = Cw + Ch, Tachiya et al. 2013. In some runs only the first source is active, because the spindle
-//! does not turn. The sensors of this source give Cw. The residual of Cw in the other runs gives Ch, from the sensors
-//! of the second source.
+//! `two-source`: Cz = Cw + Ch, Tachiya et al. 2013. The compensation value Cz is the sum of the effects of two sources
+//! of heat. In some runs only the first source is active, because the spindle does not turn. From these runs and the
+//! sensors of the first source, Cw is identified. The residual of Cw in the other runs gives Ch, from the sensors of
+//! the second source.
 
 use super::Settings;
 use crate::campaign::Campaign;
@@ -14,16 +15,17 @@ pub(super) struct TwoSource {
 }
 
 impl TwoSource {
-    /// Finds the runs and the inputs that the settings name. The index of an input is also the index of its column in
-    /// the matrix of candidate terms, because this method uses no lags.
+    /// Finds the runs and the inputs whose names are in the settings. The index of an input is also the index of its
+    /// column in the matrix of candidate terms, because this method uses no lags.
     pub(super) fn new(campaign: &Campaign<'_>, settings: &Settings) -> Result<TwoSource, String> {
         let runs: Vec<&str> = campaign.dataset.runs.iter().map(|run| run.name.as_str()).collect();
         let inputs: Vec<&str> = campaign.inputs.iter().map(|input| input.name.as_str()).collect();
         let waiting = places("--waiting", "run", &settings.waiting, &runs)?;
         if waiting.len() < 2 || waiting.len() == runs.len() {
             return Err(format!(
-                "two-source needs at least two runs in which the spindle does not turn, and other runs: --waiting \
-                 RUN,RUN of {}",
+                "the method two-source needs at least two runs in which the spindle does not turn, and at \
+                 least one other run. Write the names of the runs without a turning spindle after --waiting. \
+                 The runs are {}",
                 runs.join(", ")
             ));
         }
@@ -43,7 +45,9 @@ impl TwoSource {
             runs.iter().copied().partition(|run| self.waiting.contains(run));
         if waiting.is_empty() || working.is_empty() {
             return Err(
-                "two-source needs another run of each kind, with and without a turning spindle".to_owned()
+                "the method two-source needs one more run with a turning spindle and one more run without, \
+                 because each run is held out in turn"
+                    .to_owned(),
             );
         }
         let by_first = ridge(&Gram::sum(grams, &waiting), &first, 0.0);
@@ -66,7 +70,10 @@ impl TwoSource {
 
 fn places(option: &str, what: &str, names: &[String], known: &[&str]) -> Result<Vec<usize>, String> {
     if names.is_empty() {
-        return Err(format!("two-source needs {option}: one {what} or more of {}", known.join(", ")));
+        return Err(format!(
+            "the method two-source needs the option {option} with at least one {what} of {}",
+            known.join(", ")
+        ));
     }
     let place = |name: &String| {
         let found = known.iter().position(|other| other == name);

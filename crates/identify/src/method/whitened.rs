@@ -1,17 +1,16 @@
-//! Method `whitened`: mean of a ridge regression and an elastic net, both on whitened rows (rows without their slow
-//! random drift).
+//! Method `whitened`: mean of a ridge regression and an elastic net, both on whitened rows (rows from which their slow
+//! random drift is removed).
 //!
-//! - The ridge regression keeps every column. A column that changes less has a greater penalty. The strength of the
-//!   penalty is chosen by the residual on plain rows of held-out runs.
-//! - The elastic net removes most columns. Its position on the path is chosen by the residual on whitened rows of
-//!   held-out runs.
+//! - The ridge regression keeps every column (candidate term). A column that changes less has a greater penalty. The
+//!   size of the penalty is chosen by the residual on plain rows (not whitened) of held-out runs.
+//! - The elastic net removes most columns. Its L1 penalty is chosen by the residual on whitened rows of held-out runs.
 //!
-//! The two models have different errors, in particular outside the training range. There, the difference of the two
-//! models shows how reliable the mean is.
+//! The two models have different errors, in particular outside the range of the training data. If their difference is
+//! large there, their mean is not reliable.
 //!
 //! With one or two runs, no penalty can be chosen. The model is then a ridge regression with a fixed penalty; with one
-//! run its gains are multiplied by 0.7. With an existing model as the prior, the penalty is smaller, and no gain is
-//! multiplied.
+//! run its gains are multiplied by 0.7. A prior is an existing model towards which the gains shrink. With a prior, the
+//! penalty is smaller, and the gains are not multiplied.
 
 use std::time::Duration;
 
@@ -28,24 +27,25 @@ use crate::solve::{Net, Ridge, decades};
 use crate::statistics::{count, least_sum, median, rms};
 use isotherm_core::candidate::LAG_MINUTES;
 
-/// Ridge penalty if there are too few runs to choose one by validation.
+/// Ridge penalty if there are too few runs to choose a penalty by validation.
 const UNCHOSEN: f64 = 0.3;
-/// Ridge penalty towards the gains of an existing model, if there are too few runs to choose one by validation.
+/// Ridge penalty with a prior (existing model) if there are too few runs to choose a penalty by validation.
 const TOWARDS: f64 = 0.1;
 /// Factor by which the gains of a ridge regression are reduced if there is only one run.
 const OF_ONE_RUN: f64 = 0.7;
-/// L2 penalties of the elastic net. The smaller penalty is used only if its residual is less than [`CLEARLY`] times as
-/// large.
+/// L2 penalties of the elastic net that are tried. The smaller penalty is used only if its residual is less than
+/// [`CLEARLY`] times that of the larger penalty.
 const SHARED: [f64; 2] = [0.1, 0.003];
 const CLEARLY: f64 = 0.4;
 /// Relative difference below which two errors count as equal, because of rounding.
 const ROUNDING: f64 = 1e-9;
-/// Number of quarter-decade steps on the path of the elastic net.
+/// Number of L1 penalties of the elastic net that are tried. Each is a quarter decade below the previous penalty.
 const STEPS: usize = 13;
-/// Minimum of the scale by which all candidate terms are divided.
+/// Minimum of the scale by which all candidate terms are divided, so that terms of zeros cause no division by zero.
 const STANDS_STILL: f64 = 1e-9;
 
-/// Returns the default time constants: none, 6, 25 and 100 minutes. Four time constants give the same results as eight.
+/// Returns the default time constants of the lags: none (no lag), 6, 25 and 100 minutes. Eight time constants would not
+/// give better results.
 pub(crate) fn usual_lags() -> Vec<Option<Duration>> {
     LAG_MINUTES.map(|minutes| (minutes > 0).then(|| Duration::from_mins(minutes))).to_vec()
 }
@@ -53,14 +53,14 @@ pub(crate) fn usual_lags() -> Vec<Option<Duration>> {
 pub(super) struct Whitening {
     bank: Bank,
     products: Products,
-    /// Maximum number of sensors, with the forward search that chooses them; `None` if the number is not limited.
+    /// Maximum number of sensors, and the forward search that selects them; `None` if the number is not limited.
     few: Option<(usize, Forward)>,
     /// Terms of an existing model, which is the prior.
     prior: Option<Vec<(Candidate, f64)>>,
 }
 
-/// Gains of each candidate term: those of the model, and, if the model is a mean, also those of the ridge regression
-/// and the elastic net.
+/// Gains of each candidate term: `gains` are those of the model. If the model is a mean, `halves` are those of the
+/// ridge regression and of the elastic net.
 pub(crate) struct Fitted {
     pub(crate) gains: Vec<f64>,
     pub(crate) halves: Option<Vec<[f64; 2]>>,
@@ -81,10 +81,10 @@ impl Whitening {
     }
 }
 
-/// Checks that an existing model leaves a smaller error than no compensation, over all runs together.
+/// Checks that the error with an existing model (prior) is smaller than without compensation, over all runs together.
 ///
 /// # Errors
-/// Returns a message with both errors. Gains that shrink towards such a model become worse.
+/// Returns a message with both errors. A model whose gains shrink towards a worse prior would become worse, too.
 pub(crate) fn check_prior(campaign: &Campaign<'_>, bank: &Bank, prior: &[PriorTerm]) -> Result<(), String> {
     let prior = Learned::Sum(known(campaign, prior)?);
     let (mut left, mut none) = (Vec::new(), Vec::new());
@@ -99,7 +99,7 @@ pub(crate) fn check_prior(campaign: &Campaign<'_>, bank: &Bank, prior: &[PriorTe
     }
     Err(format!(
         "the model of --prior leaves {left:.2} µm RMS on these logs, and no compensation leaves {none:.2} µm. \
-         Such a model makes the new one worse: leave --prior out"
+         With this prior, the new model would be worse: leave --prior out"
     ))
 }
 
@@ -111,8 +111,8 @@ pub(crate) fn known(campaign: &Campaign<'_>, prior: &[PriorTerm]) -> Result<Vec<
     foreign.dedup();
     if !foreign.is_empty() {
         return Err(format!(
-            "the model of --prior has terms of {}, but there is no input with this name. In that model, use \
-             the signal names of the profile, or remove these terms",
+            "the model after --prior has terms of {}, but there is no input with this name. In the file of \
+             that model, use the signal names of the profile, or remove these terms",
             foreign.join(", ")
         ));
     }
@@ -157,7 +157,7 @@ impl Learner for Whitening {
     }
 }
 
-/// Identifies a model from these runs. The model uses only these columns of the matrix of candidate terms.
+/// Identifies a model from the runs `runs`, with only the candidate terms `columns`.
 pub(crate) fn fit(products: &Products, runs: &[usize], columns: &[usize], bank: &Bank) -> Fitted {
     if runs.is_empty() || columns.is_empty() {
         return Fitted { gains: vec![0.0; columns.len()], halves: None };
@@ -177,7 +177,7 @@ pub(crate) fn fit(products: &Products, runs: &[usize], columns: &[usize], bank: 
     }
 }
 
-/// Fits a ridge regression that shrinks the gains towards those of an existing model instead of towards zero.
+/// Fits a ridge regression whose gains shrink towards those of an existing model (prior) instead of towards zero.
 fn towards(
     products: &Products,
     runs: &[usize],
@@ -203,8 +203,8 @@ fn towards(
     Fitted { gains: (gains + prior).component_div(&units).data.into(), halves: None }
 }
 
-/// Returns the divisor of each candidate term (column). Speeds and their squares have other magnitudes than
-/// temperatures. Therefore each kind is scaled to the size of a typical temperature.
+/// Returns the divisor of each candidate term (column). The values of speeds and their squares are much larger than
+/// those of temperatures. Therefore both are scaled to the size of a typical temperature.
 fn units(products: &Products, runs: &[usize], columns: &[usize], bank: &Bank) -> DVector<f64> {
     let kind = |column: usize| {
         let candidate = bank.candidates[column];
@@ -227,8 +227,8 @@ fn units(products: &Products, runs: &[usize], columns: &[usize], bank: &Bank) ->
     DVector::from_iterator(columns.len(), columns.iter().map(unit))
 }
 
-/// Identifies a model by ridge regression. The penalty is chosen on plain rows, because whitened rows would choose a
-/// penalty that is too weak.
+/// Identifies a model by ridge regression. The penalty is chosen on plain rows of held-out runs, because on whitened
+/// rows the best penalty would be too small.
 fn ridge(all: &Gram, folds: &[Fold]) -> DVector<f64> {
     let penalties = decades(-4, 2, 2);
     let costs = folds.iter().map(|fold| {
@@ -251,8 +251,8 @@ fn net(all: &Gram, folds: &[Fold]) -> DVector<f64> {
     path(all, shared, step + 1).pop().unwrap_or_else(|| DVector::zeros(all.cross.len()))
 }
 
-/// Returns the gains of the elastic net for each of the first `steps` L1 penalties, the largest penalty first. All
-/// candidate terms have one scale, so that none of them has an advantage.
+/// Returns the gains of the elastic net for each of the `steps` largest L1 penalties, the largest penalty first. All
+/// candidate terms are divided by the same scale.
 fn path(gram: &Gram, shared: f64, steps: usize) -> Vec<DVector<f64>> {
     let rows = gram.rows.max(1.0);
     let moves = gram.square.diagonal().iter().map(|square| (square / rows).max(0.0).sqrt()).collect();

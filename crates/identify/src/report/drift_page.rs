@@ -77,14 +77,15 @@ fn headline(all: &[Displacement]) -> Markup {
     }
 }
 
-/// Renders a chart of a column over the time of a run, in hours.
+/// Renders a chart of a column over the time of a run. The time is in hours, and `unit` is the unit of the values.
 fn course(dataset: &Dataset, run: &Run, name: &str, (width, height): (u32, u32), unit: &str) -> Markup {
     let values = dataset.column(name).map(|column| &run.values[column]);
     let line = Line::new(LineStyle::Solid, run.hours().zip(values.into_iter().flatten()));
     chart::lines(width, height, unit, &format!("{name} over {}", run.name), &[line], None)
 }
 
-/// Renders a table with one row for each displacement. Each item is the name in the first cell, and the displacement.
+/// Renders a table with one row for each displacement. Each item of `all` is the text of the first cell, and the
+/// displacement.
 pub(super) fn displacements<'a>(all: impl Iterator<Item = (&'a str, &'a Displacement)>) -> Markup {
     let cells = |moved: &Displacement| {
         [

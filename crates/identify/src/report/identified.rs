@@ -14,16 +14,16 @@ use isotherm_core::quantity::Moment;
 use isotherm_html::{date, duration, number};
 use isotherm_profile::Profile;
 
-/// Content of the report: the model, its machine and its logs.
+/// Content of the report: the model, its machine, and its logs.
 #[derive(Clone, Copy, Debug)]
 pub struct Subject<'a> {
     /// Profile of the machine.
     pub profile: &'a Profile,
     /// Runs from which the model was identified.
     pub ready: &'a Ready<'a>,
-    /// Model with its cross-validation.
+    /// Identified model with its cross-validation.
     pub found: &'a Identified,
-    /// Time of the report.
+    /// Time at which the report is made.
     pub made: Moment,
 }
 

@@ -40,20 +40,21 @@ pub(super) fn runs(dataset: &Dataset, like: &[Finding]) -> Markup {
         h2 { "Runs" }
         (table(&heads, &rows))
         @if ambient.is_none() {
-            p .quiet { "No column is named for the air around the machine (ambient, air, room, hall, shop), and none behaves like it." }
+            p .quiet { "No column has a name for the air around the machine (ambient, air, room, hall, shop), \
+                        and no sensor behaves like the air." }
         }
     }
 }
 
-/// Formats the range of the values, for example as `20.1 … 23.4`.
+/// Formats the smallest and the largest of the values, for example as `20.1 … 23.4`.
 fn spanned(values: impl IntoIterator<Item = f64>, places: usize) -> String {
     least_and_most(values).map_or("–".to_owned(), |(low, high)| {
         format!("{} … {}", decimals(low, places), decimals(high, places))
     })
 }
 
-/// Formats the speeds of a run, one by one if there are at most six. A speed that takes less than a twentieth of the
-/// run does not count. Otherwise, formats the range of the speed.
+/// Formats the speeds of a run: each speed if there are at most six different speeds, otherwise the range of the
+/// speeds. A speed that takes less than a twentieth of the run is ignored.
 fn stages(values: &Series) -> String {
     const FEW: usize = 6;
     let mut held: Vec<f64> = values.iter().filter(|value| value.is_finite()).map(f64::round).collect();
@@ -112,7 +113,7 @@ fn remarks(column: &Column, excluded: &[Finding], like: &[Finding]) -> String {
     }
 }
 
-/// Renders a small chart of each temperature, with the curves of all runs in one chart.
+/// Renders a small chart for each temperature. Each chart contains one curve for each run.
 pub(super) fn over_time(dataset: &Dataset, excluded: &[Finding]) -> Markup {
     html! {
         h2 { "Sensors over time" }
@@ -138,7 +139,7 @@ fn sensor(dataset: &Dataset, column: usize, excluded: &[Finding]) -> Markup {
     figure(name, &picture, &format!("up to {} °C in a run", three_digits(widest)))
 }
 
-/// Renders the correlation map of the inputs and the error.
+/// Renders the correlation map, a table of the correlations between the inputs and the error.
 pub(super) fn alike(campaign: &Campaign<'_>) -> Markup {
     let bank = Bank::of(campaign, &[None]);
     let inputs: Vec<usize> = (0..campaign.inputs.len()).collect();

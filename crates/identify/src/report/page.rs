@@ -1,4 +1,4 @@
-//! Parts that all reports share.
+//! Parts of a page that all reports have in common.
 
 use maud::{Markup, html};
 
@@ -18,18 +18,18 @@ pub(super) fn machine(profile: &Profile) -> Markup {
     }
 }
 
-/// Renders the number of runs and their total duration for the list of facts at the head of a report. `seconds` is the
-/// duration.
+/// Renders two entries for the list of facts at the head of a report: the number of runs, and their total duration
+/// `seconds`.
 pub(super) fn runs(count: usize, seconds: f64) -> Markup {
     html! { dt { "runs" } dd { (count) ", " (duration(seconds)) " together" } }
 }
 
-/// Renders a list of sentences; nothing if there are none.
+/// Renders a list of sentences. If there are no sentences, renders nothing.
 pub(super) fn list(items: &[Markup]) -> Markup {
     html! { @if !items.is_empty() { ul { @for item in items { li { (item) } } } } }
 }
 
-/// Formats a number; "–" if it is missing.
+/// Formats a number with the function `written`; `–` if the number is missing.
 pub(super) fn optional(value: Option<f64>, written: fn(f64) -> String) -> String {
     value.map_or("–".to_owned(), written)
 }

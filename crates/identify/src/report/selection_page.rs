@@ -92,11 +92,10 @@ fn by_count(found: &Selected) -> Markup {
     html! {
         h2 { "How many points" }
         p {
-            "For each run, the points were chosen from all the others, and tested on that run. The curves \
-             show the residual error by the number of points." }
+            "For each run, the points were chosen with the data of all other runs, and tested on that run. \
+             The curves show the residual error by the number of points." }
         ul .keys { li {
-            "held out, over the number of points; a ring marks the recommended \
-             number" } li .dashed { "with every point" } }
+            "error of held-out runs, over the number of points; a ring marks the recommended number" } li .dashed { "with every point" } }
         div .gallery {
             (figure("Mean range of the residual error in a run", &of(|row| row.means.mean_range_um), ""))
             (figure("Mean RMS of the residual error in a run", &of(|row| row.means.mean_rmse_um), ""))
@@ -117,8 +116,9 @@ fn points(found: &Selected) -> Markup {
         h2 { "Each point alone" }
         div .gallery {
             (figure("Correlation with the error", &bars("correlation of each point with the error", |point| point.correlation),
-                "Over the rows of all runs, of rises since the start of a run. If it is negative, the \
-                 point falls while the error rises."))
+                "The correlations are calculated from the rises since the start of a run, over the rows of \
+                 all runs. If a correlation is negative, the temperature of the point falls while the error \
+                 rises."))
             (figure("Grey relational grade", &bars("grey relational grade of each point", |point| point.grey_grade),
                 "After Deng, ζ = 0.5. The grade is 1 if the curve of a point equals the curve of the error."))
         }
@@ -129,8 +129,8 @@ fn groups(found: &Selected) -> Markup {
     html! {
         h2 { "Points with similar values" }
         p {
-            "Every two points of a group have at least this correlation. The first point of a group has the \
-             highest correlation with the error, and can represent the others." }
+            "Any two points of a group have at least the correlation of this threshold. The first point of a \
+             group has the highest correlation with the error, and can represent the others." }
         @for grouped in &found.groups {
             h3 { "by " (chart::tick(grouped.correlation)) " or more" }
             ol { @for group in &grouped.groups { li { (group.join(", ")) } } }

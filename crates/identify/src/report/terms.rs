@@ -1,4 +1,5 @@
-//! Report section about the model: its terms, its stand-ins for lost sensors, its range and its limits.
+//! Report section about the model: its terms, its stand-ins and fallback models for lost sensors, the range of its
+//! inputs, and the limits of the axis.
 
 use std::collections::BTreeSet;
 use std::time::Duration;
@@ -17,7 +18,7 @@ use isotherm_html::chart::{self, Bar};
 use isotherm_html::{decimals, duration, figure, number, row, table, three_digits};
 use isotherm_profile::counted;
 
-/// Maximum number of bars in the chart of the gains. The table contains all terms.
+/// Maximum number of bars in the chart of the gains. The table below the chart contains all terms.
 const MOST_BARS: usize = 30;
 
 /// Renders the model: a chart of the gains with their standard errors, then a table of all terms.
@@ -99,13 +100,13 @@ fn units<'a>(terms: &[&'a TermFound]) -> Vec<&'a str> {
     units
 }
 
-/// Returns the name of the signal, or of its square.
+/// Returns the name of the signal of a term, or of the square of the signal.
 fn named(term: &TermFound) -> String {
     format!("{}{}", term.signal, if term.squared { "²" } else { "" })
 }
 
-/// Renders charts of each signal's effect in equilibrium, which is the sum of its gains over all lags. There is one
-/// chart for each unit.
+/// Renders charts of the effect of each signal in equilibrium. This effect is the sum of the gains of the signal over
+/// all lags. Each unit has its own chart.
 fn at_rest(terms: &[TermFound]) -> Markup {
     let mut sums: Vec<(&TermFound, f64)> = Vec::new();
     for term in terms.iter().filter(|term| !term.slope) {
@@ -134,7 +135,8 @@ fn at_rest(terms: &[TermFound]) -> Markup {
             (figure(
                 "Each sensor in equilibrium",
                 &chart::bars("sum of the gains of each sensor", &bars),
-                "The sum of a sensor's gains: the effect of one unit after all lags.",
+                "The sum of the gains of a sensor is its effect on Cz for a change of one unit, after all \
+                 lags have settled.",
             ))
         }
     }
@@ -147,7 +149,7 @@ fn lag(term: &TermFound) -> String {
     }
 }
 
-/// Renders the residual errors after the loss of each sensor.
+/// Renders the residual errors that remain if a sensor is lost, for each sensor.
 pub(super) fn stand_ins(found: &Identified) -> Markup {
     let figures = |means: &Means| {
         let [mean, worst, rms] = [means.mean_range_um, means.worst_range_um, means.mean_rmse_um].map(number);
@@ -185,14 +187,15 @@ pub(super) fn stand_ins(found: &Identified) -> Markup {
             ":"
         }
         @for signal in &found.irreplaceable {
-            p { strong { (signal) } ": no other sensor can replace it. Keep a spare sensor." }
+            p { strong { (signal) } ": no other sensors and no other model can replace this sensor. Keep a \
+                                     spare sensor." }
         }
         (table(&["lost", "mean range, µm", "worst run, µm", "mean RMS, µm",
             "worse runs", "what replaces it"], &rows))
         @if !found.stand_ins.is_empty() {
             p .quiet {
-                "A sensor counts as frozen if its reading is constant while the others indicate a change of \
-                 more than: "
+                "A sensor counts as frozen if its reading is constant while the other sensors indicate a \
+                 change of more than: "
                 (found.stand_ins.iter().map(|own| format!("{} {} °C", own.signal, decimals(own.threshold, 2))).collect::<Vec<_>>().join(", ")) "."
             }
         }
@@ -225,8 +228,8 @@ pub(super) fn by_sensors(counted: &[Counted]) -> Markup {
         div .gallery {
             (figure("Mean range of the residual error in a run",
                 &chart::curve("µm", says, &ranges, few, ranges[0]),
-                "Over the number of sensors; dashed: without sensors. A ring marks the smallest number that \
-                 is within a tenth of the best."))
+                "Horizontal axis: number of sensors; dashed line: result without sensors. A ring marks the \
+                 smallest number of sensors whose result is within a tenth of the best result."))
         }
         (table(&["sensors", "mean range, µm", "worst run, µm", "sensor added (on all runs):"], &rows))
     }
@@ -253,7 +256,8 @@ pub(super) fn expected(found: &Identified) -> Markup {
         }
         (table(&["after", "since the datum", "since a touch"], &rows))
         p .quiet {
-            "Share of the rows within one and within two standard deviations that the other runs predict: "
+            "Share of the rows whose residual error is within one and within two standard deviations, as \
+             expected from the other runs: "
             (shares.map(|(run, inside)| format!("{} {} and {} %", run.name, decimals(100.0 * inside.inside_1, 0), decimals(100.0 * inside.inside_2, 0))).collect::<Vec<_>>().join("; ")) "."
         }
         @if let Some(q) = found.probe_q {
@@ -264,7 +268,7 @@ pub(super) fn expected(found: &Identified) -> Markup {
     }
 }
 
-/// Renders the envelope: the range of rises on which the model was identified.
+/// Renders the envelope: the range of the rises in the logs from which the model was identified.
 pub(super) fn envelope(region: Option<&Region>) -> Markup {
     let Some(region) = region else {
         return html! {
@@ -280,13 +284,13 @@ pub(super) fn envelope(region: Option<&Region>) -> Markup {
     html! {
         h2 { "Envelope" }
         p {
-            "The model was identified on these rises since the start of a run. Outside this range nothing \
-             was measured, and the gateway reports it." }
+            "In the logs, the rises since the start of a run were in these ranges. The model was not tested \
+             outside them, and the gateway reports when an input is outside." }
         (table(&["sensor", "least, °C", "mean, °C", "most, °C"], &rows))
     }
 }
 
-/// Renders the limits of the axis, which apply to every Cz that the model requests.
+/// Renders the limits of the axis, which apply to Cz (the compensation value) of every model.
 pub(super) fn limits(axis: &AxisSettings) -> Markup {
     let micron = |value: f64| format!("{} µm", chart::tick(value));
     let time = |time: Duration| duration(time.as_secs_f64());

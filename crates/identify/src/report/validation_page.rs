@@ -1,4 +1,4 @@
-//! Results of the model on runs that were held out of its identification.
+//! Report section about the validation: results of the model on runs that were held out of its identification.
 
 use maud::{Markup, html};
 
@@ -21,17 +21,23 @@ pub(super) fn headline(means: &Means, uncompensated: &Means) -> Markup {
             @for (what, left, before) in figures {
                 div { dt { (what) } dd { (number(left)) " µm" small { "without compensation " (number(before)) " µm" } } }
             }
-            div { dt { "range cut by" } dd { (cut(means.mean_range_um, uncompensated.mean_range_um)) small { "each run held out, one after the other" } } }
+            div { dt { "range cut by" } dd { (cut(means.mean_range_um, uncompensated.mean_range_um)) small { "each \
+                                                                                                              run \
+                                                                                                              was \
+                                                                                                              held \
+                                                                                                              out \
+                                                                                                              in \
+                                                                                                              turn" } } }
         }
     }
 }
 
-/// Formats the reduction of the range in percent. It is negative if the range grew.
+/// Formats the reduction of the error range in percent. The number is negative if the range grew.
 fn cut(range: f64, before: f64) -> String {
     if before > 0.0 { format!("{} %", decimals(100.0 * (1.0 - range / before), 0)) } else { "–".to_owned() }
 }
 
-/// Renders bars and a table with the result of each held-out run.
+/// Renders bars and a table with the results of all held-out runs.
 pub(super) fn cross_validation(runs: &[RunScore], means: &Means, uncompensated: &Means) -> Markup {
     let worst = runs.iter().map(|run| run.range_um).fold(0.0, f64::max);
     let bar = |run: &RunScore| Bar {
@@ -78,7 +84,7 @@ pub(super) fn cross_validation(runs: &[RunScore], means: &Means, uncompensated: 
     }
 }
 
-/// Returns a sentence with the number and the names of the runs that are worse with the model than without
+/// Returns a sentence with the number and the names of the runs whose error range is larger with the model than without
 /// compensation.
 fn worse(runs: &[RunScore]) -> String {
     let worse: Vec<&str> = runs.iter().filter(|run| run.is_worse()).map(|run| run.name.as_str()).collect();
@@ -92,7 +98,7 @@ fn worse(runs: &[RunScore]) -> String {
     }
 }
 
-/// Renders a chart of measured, predicted and residual error for each run. All charts have the same scale.
+/// Renders a chart of the measured, predicted and residual error for each run. All charts have the same scale.
 pub(super) fn pictures(found: &Identified) -> Markup {
     let values = |held: &HeldOut| {
         let predicted = held.cz.iter().map(|cz| -cz);
@@ -133,7 +139,8 @@ fn of_run(held: &HeldOut, probe: Option<f64>, within: (f64, f64)) -> Markup {
     figure(&score.name, &chart::lines(480, 280, "µm", &says, &lines, Some(within)), &caption)
 }
 
-/// Renders the predicted error against the measured one, and the distribution of the residual error, over all runs.
+/// Renders two charts over all runs: the predicted error against the measured error, and the distribution of the
+/// residual error.
 fn against(found: &Identified) -> Markup {
     const MOST: usize = 1200;
     let all: usize = found.held_out.iter().map(|held| held.error.len()).sum();
@@ -147,16 +154,16 @@ fn against(found: &Identified) -> Markup {
     html! {
         div .gallery style="margin-top: 1.2rem" {
             (figure("Predicted against measured", &chart::scatter("µm predicted, over µm measured", "predicted against measured error", &pairs),
-                "Each run was held out. On the line, both errors are equal."))
+                "Each run was held out. On the diagonal line, the predicted error equals the measured error."))
             (figure(
                 "Distribution of the residual \
                  error", &chart::bars("share of the rows by residual error", &histogram),
-                "Share of the rows of all runs, by the residual error in µm."))
+                "Share of the log rows of all runs in each interval of the residual error, in µm."))
         }
     }
 }
 
-/// Returns the share of the rows in each of nine equal intervals, which are symmetric about zero.
+/// Returns the share of the rows in each of nine equal intervals of the residual error, which are symmetric about zero.
 fn spread(left: &[f64]) -> Vec<Bar> {
     let largest = left.iter().fold(0.0_f64, |largest, value| largest.max(value.abs())).max(1e-3);
     let step = 2.0 * largest / 9.0;

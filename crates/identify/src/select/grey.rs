@@ -1,17 +1,17 @@
 //! Grey relational grades (Deng 1982): how similar the curve of a point is to the curve of the error.
 //!
-//! Each series is divided by its largest absolute value over all runs. The series is negated if its correlation with
-//! the error is negative. Δi(k) = |error(k) − pointi(k)| is the distance at row k. Δmin and Δmax are its extremes over
-//! all points and rows, and ζ = 0.5. Then ξi(k) = (Δmin + ζ·Δmax) / (Δi(k) + ζ·Δmax). The grade of a point is the mean
-//! of ξi over the rows.
+//! Each curve is divided by its largest absolute value over all runs. The curve of a point is negated if its
+//! correlation with the error is negative. Δi(k) = |error(k) − pointi(k)| is the distance of the two curves at row k.
+//! Δmin and Δmax are the smallest and largest distance over all points and rows, and ζ = 0.5. Then ξi(k) = (Δmin +
+//! ζ·Δmax) / (Δi(k) + ζ·Δmax). The grade of a point is the mean of ξi over the rows.
 
 use crate::bank::Bank;
 use crate::statistics::mean;
 
-/// Distinguishing coefficient ζ: weight of the largest distance in the grade.
+/// Distinguishing coefficient ζ of the method: weight of the largest distance in the grade.
 const DISTINGUISHING: f64 = 0.5;
 
-/// Returns the grade of each point. The last column of `correlations` is the error.
+/// Returns the grey relational grade of each point. The last column of `correlations` belongs to the error.
 pub(super) fn grades(bank: &Bank, points: &[usize], correlations: &[Vec<f64>]) -> Vec<f64> {
     let error = scaled(&bank.errors(), 1.0);
     let distances = |point: &usize| {

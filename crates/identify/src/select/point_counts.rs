@@ -1,7 +1,8 @@
-//! Residual error on held-out runs by the number of points.
+//! Residual error on held-out runs, for each number of measuring points in the model.
 //!
-//! For each run, the points are selected again from all other runs, one after the other. For each number of points, the
-//! model is identified by the method `whitened`. Therefore no result depends on the run on which it is validated.
+//! For each held-out run, the points are selected again with the data of all other runs, one point after the other. For
+//! each number of points, a model is identified by the method `whitened`. Therefore no result depends on the run on
+//! which it is validated.
 
 use nalgebra::DVector;
 use serde::Serialize;
@@ -15,30 +16,30 @@ use crate::sensors::Forward;
 use crate::statistics::smallest;
 use crate::validate::{Means, Progress, RunScore, hold_out_each};
 
-/// Held-out result with one number of points.
+/// Held-out result of models with one number of points.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Counted {
     /// Number of points in the model.
     pub k: usize,
-    /// Names of the points, selected on all runs.
+    /// Names of the points, which were selected on all runs.
     pub points: Vec<String>,
-    /// Means of the held-out results.
+    /// Means of the held-out results over all runs.
     #[serde(flatten)]
     pub means: Means,
 }
 
-/// Maximum ratio of a result to the best result for which it counts as not clearly worse. Smaller differences are not
-/// significant with few runs.
+/// Maximum ratio of a result to the best result. Up to this ratio, the result counts as equally good, because smaller
+/// differences are not significant with few runs.
 const AS_GOOD: f64 = 1.1;
 
-/// Results of all held-out runs by the number of points.
+/// Results of all held-out runs for each number of points.
 pub(crate) struct Counts {
-    /// Order in which the search adds points, over all runs.
+    /// Points in the order in which the search over all runs adds them.
     path: Vec<usize>,
-    /// For each held-out run: the order in which the search over the other runs adds points, and the scores by number
-    /// of points. The last score is with all points.
+    /// For each held-out run: the points in the order in which the search over the other runs adds them, and one score
+    /// for each number of points. The last score is with all points.
     held_out: Vec<(Vec<usize>, Vec<RunScore>)>,
-    /// Result for each number of points, from zero on.
+    /// Result for each number of points, beginning with zero points.
     pub(crate) table: Vec<Counted>,
     /// Result of the model with all points.
     pub(crate) all_points: Counted,
@@ -74,8 +75,8 @@ pub(crate) fn point_counts(
     Counts { path, held_out, table, all_points }
 }
 
-/// Returns the score of the held-out run `out` with these points. Speeds of the spindle are always used, because they
-/// are no points.
+/// Returns the score of the held-out run `out` for a model with these points. The model always uses the speeds of the
+/// spindle, because they are not measuring points.
 fn score(bank: &Bank, products: &Products, others: &[usize], out: usize, points: &[usize]) -> RunScore {
     let run = &bank.runs[out];
     let may = |input: usize| points.contains(&input) || bank.is_speed[input];
@@ -89,12 +90,12 @@ fn score(bank: &Bank, products: &Products, others: &[usize], out: usize, points:
 }
 
 impl Counts {
-    /// Returns the score of each held-out run with this number of points.
+    /// Returns the score of each held-out run for `k` points.
     pub(super) fn scores(&self, k: usize) -> Vec<RunScore> {
         self.held_out.iter().filter_map(|(_, scores)| scores.get(k).cloned()).collect()
     }
 
-    /// Recommends the smallest number of points whose result is not clearly worse than the best.
+    /// Recommends the smallest number of points whose result is not clearly worse than the best result.
     pub(super) fn recommended(&self, groups: &[Grouped], name: &dyn Fn(usize) -> String) -> Recommended {
         let size = |row: &Counted| (row.means.mean_range_um * row.means.mean_rmse_um).sqrt();
         let sizes: Vec<f64> = self.table.iter().map(size).collect();
@@ -104,9 +105,9 @@ impl Counts {
         let most = self.path.len();
         let why = if k == 0 {
             format!(
-                "no choice of up to {most} points is clearly better than no compensation on held-out runs. \
-                 The smallest mean range is {:.2} µm; without compensation it is {:.2} µm. Record more runs, \
-                 or points nearer to the heat sources",
+                "on held-out runs, no selection of up to {most} points is clearly better than no \
+                 compensation. The smallest mean range is {:.2} µm; without compensation it is {:.2} µm. \
+                 Record more runs, or points nearer to the heat sources",
                 range(best),
                 range(0)
             )

@@ -1,4 +1,4 @@
-//! Check of the chosen measuring points against the logs, without a profile.
+//! Checks the chosen temperature measuring points against the logs, without a profile.
 
 use crate::ambient;
 use crate::campaign::{Campaign, Input, temperatures_of, without};
@@ -22,7 +22,7 @@ pub struct Pointed<'a> {
     pub notes: Notes,
 }
 
-/// Checks the choice of points. Leaves faulty sensors out, and masks the rows in which a sensor was frozen.
+/// Checks the chosen points. Leaves faulty sensors out, and masks the rows in which a sensor was frozen.
 ///
 /// # Errors
 /// The choice does not fit the logs, or a log is unusual. All errors are returned as messages.
@@ -74,8 +74,8 @@ pub fn points<'a>(dataset: &'a Dataset, choice: &Choice) -> Result<Pointed<'a>, 
     Ok(Pointed { campaign, notes: Notes { excluded, omissions: Vec::new(), ambient, remarks } })
 }
 
-/// Leaves out the runs that lack a point that other runs have, if that leaves less error than leaving out the point. A
-/// remark of the dataset states the choice.
+/// Handles runs that lack a point that other runs have. Either these runs or the point are left out, whichever gives
+/// the smaller error. A remark of the dataset states the choice.
 pub fn without_incomplete(dataset: &mut Dataset, choice: &Choice) {
     let error = choice.error.as_deref().and_then(|name| dataset.column(name));
     let Some(error) = error.filter(|_| dataset.repeats.is_empty()) else { return };
@@ -96,8 +96,8 @@ pub fn without_incomplete(dataset: &mut Dataset, choice: &Choice) {
     incomplete::leave_out(dataset, &columns, &left);
 }
 
-/// Returns every freeze of these points, except of points with another fault. Also returns a remark if some constant
-/// readings could not be tested.
+/// Returns all freezes of these points. Points that have another fault are not searched. Also returns a remark if some
+/// constant readings could not be tested.
 fn find_freezes(
     dataset: &Dataset,
     choice: &Choice,

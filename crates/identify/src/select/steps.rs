@@ -1,4 +1,5 @@
-//! Stepwise selection: the order in which partial F tests add the points, on rises without lags.
+//! Stepwise selection of points: partial F tests decide in which order points are added. The tests use rises without
+//! lags.
 
 use serde::Serialize;
 
@@ -11,14 +12,13 @@ use crate::method::stepwise::{self, Move};
 pub struct Steps {
     /// Points that were added or removed, in the order of the search.
     pub steps: Vec<Step>,
-    /// Next best point, which is not added because it is not significant; `None` if the search ended for another
-    /// reason.
+    /// Best point that is not added because it is not significant; `None` if the search ended for another reason.
     pub next: Option<Step>,
-    /// Number of independent samples in the logs.
+    /// Number of log rows of all runs that count as independent samples.
     pub samples: f64,
 }
 
-/// Step of the selection: a point that is added or removed.
+/// Step of the selection, in which a point is added or removed.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Step {
     /// Name of the point.

@@ -170,7 +170,8 @@ fn wrong_choices_are_reported_all_at_once_with_what_to_do() {
     let wrong = Choice { error: Some("z_eror_um".to_owned()), inputs: vec!["bering".to_owned()], ..choice() };
     let reported = said(&wrong);
     assert!(
-        reported.contains("no log has a column of numbers `z_eror_um`; did you mean `z_error_um`?"),
+        reported
+            .contains("no log has a column `z_eror_um` that contains numbers; did you mean `z_error_um`?"),
         "{reported}"
     );
     assert!(reported.contains("`bering`; did you mean `bearing`?"), "{reported}");

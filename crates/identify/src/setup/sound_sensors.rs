@@ -1,5 +1,5 @@
-//! Selection of the sensors for identification. Faulty readings are repaired or masked, or the sensor is left out, with
-//! the effect of leaving it out.
+//! Selects the sensors that are used for the identification. Faulty readings are repaired or masked. If that is not
+//! possible, the sensor is left out, and the effect on the error is calculated.
 
 use super::Choice;
 use crate::campaign::{Campaign, Input, temperatures_of, without};
@@ -12,17 +12,19 @@ use crate::resolution;
 use crate::stand_in::freeze::{freezes, untested};
 use isotherm_profile::Profile;
 
-/// Campaign with the sensors that are used, and the findings about the excluded sensors.
+/// Campaign with only the sensors that are used, and the findings about the sensors that are left out.
 pub(super) struct SoundSensors<'a> {
     pub(super) campaign: Campaign<'a>,
     pub(super) excluded: Vec<Finding>,
     pub(super) omissions: Vec<Omission>,
     pub(super) repaired: Vec<Repaired>,
-    /// Remarks on faulty sensors that are used on request, and on constant readings that could not be tested.
+    /// Remarks about faulty sensors that are used because the operator requested them, and about constant readings that
+    /// could not be tested.
     pub(super) remarks: Vec<String>,
 }
 
-/// Searches the temperatures among these inputs for faults, and selects the sensors that are used.
+/// Searches the temperatures among these inputs for faults, and selects the sensors that are used for the
+/// identification.
 ///
 /// # Errors
 /// Returns a message if no sensor is left.
@@ -86,8 +88,8 @@ pub(super) fn examine<'a>(
     Ok(SoundSensors { campaign, excluded, omissions, repaired, remarks })
 }
 
-/// Returns every freeze of these inputs, and a remark if some constant readings could not be tested. `assessed` are the
-/// log columns in which other faults are searched.
+/// Returns every freeze of these inputs. Also returns a remark if some constant readings could not be tested.
+/// `assessed` contains the log columns that are also searched for other faults.
 fn find_freezes(
     profile: &Profile,
     dataset: &Dataset,
@@ -107,7 +109,8 @@ fn find_freezes(
     (freezes(&campaign, dataset, &count_of), untested(&campaign))
 }
 
-/// Returns the effect of leaving out each excluded sensor, except the sensors in `known`.
+/// Returns for each sensor that is left out how this changes the residual error. Sensors in `known` are not calculated
+/// again.
 fn costs(
     campaign: &Campaign<'_>,
     inputs: &[Input],

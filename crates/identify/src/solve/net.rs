@@ -1,16 +1,16 @@
-//! Elastic net for a series of decreasing L1 penalties (its path).
+//! Elastic net for a series of decreasing L1 penalties. The series of its solutions is called its path.
 
 use nalgebra::DVector;
 
 use crate::gram::Gram;
 
-/// Elastic net `½|y − Xw|² + l1·|w|₁ + ½·l2·|w|²` on scaled columns, for a series of values of `l1`. The solution is
-/// exact, by the feature-sign search of Lee, Battle, Raina and Ng (2006). Coordinate descent needs many thousand rounds
+/// Elastic net `½|y − Xw|² + l1·|w|₁ + ½·l2·|w|²` on scaled columns, for a series of values of `l1`. The feature-sign
+/// search of Lee, Battle, Raina and Ng (2006) gives the exact solution. Coordinate descent needs many thousand rounds
 /// if columns are similar.
 ///
-/// Each active column has a sign. With fixed signs, the solution is that of one linear system, whose factor grows and
-/// shrinks by one column at a time. A column whose sign would change is removed. The inactive column with the largest
-/// gradient is added.
+/// A column is active if its gain is not zero; the sign of the column is that of its gain. With fixed signs, the gains
+/// are the solution of one linear system. The Cholesky factor of that system is updated for each added or removed
+/// column. A column whose sign would change is removed. The inactive column with the largest gradient is added.
 pub(crate) struct Net<'a> {
     scaled: &'a Gram,
     l2: f64,
@@ -23,7 +23,7 @@ pub(crate) struct Net<'a> {
 }
 
 impl Net<'_> {
-    /// Creates the elastic net without an active column (a term whose gain is not zero).
+    /// Creates the elastic net. In the beginning, no column is active: all gains are zero.
     pub(crate) fn new(scaled: &Gram, l2: f64) -> Net<'_> {
         let gains = DVector::zeros(scaled.cross.len());
         Net { scaled, l2, gains, columns: Vec::new(), signs: Vec::new(), factor: Vec::new() }
@@ -34,7 +34,8 @@ impl Net<'_> {
         self.scaled.cross.amax()
     }
 
-    /// Returns the gains at this L1 penalty. The search starts from the gains of the previous penalty.
+    /// Returns the gains at this L1 penalty. Calls must have decreasing penalties, because the search starts from the
+    /// gains of the previous call.
     pub(crate) fn at(&mut self, l1: f64) -> &DVector<f64> {
         let size = self.gains.len();
         // Each round reduces the cost. The bound is a safeguard.
@@ -84,8 +85,7 @@ impl Net<'_> {
         }
     }
 
-    /// Returns the gains of the active columns (terms whose gains are not zero) that solve the linear system for the
-    /// present signs.
+    /// Returns the solution of the linear system: gains of the active columns (gains not zero), for the present signs.
     fn answer(&self, l1: f64) -> Vec<f64> {
         let mut answer: Vec<f64> = Vec::with_capacity(self.columns.len());
         for (row, (column, sign)) in self.factor.iter().zip(self.columns.iter().zip(&self.signs)) {
@@ -102,7 +102,7 @@ impl Net<'_> {
     }
 
     /// Moves the gains towards the solution for the present signs. If a gain reaches zero on the way, its column is
-    /// removed, and the move is repeated with the others.
+    /// removed, and the remaining gains are moved again.
     fn settle(&mut self, l1: f64) {
         while !self.columns.is_empty() {
             let answer = self.answer(l1);

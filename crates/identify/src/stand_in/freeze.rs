@@ -1,4 +1,5 @@
-//! Frozen sensors in logs: constant readings while the predictions from the other sensors move.
+//! Finds frozen sensors in logs: their readings are constant, while the predictions from the other sensors move. x̂(t)
+//! is the predicted reading at the time t.
 //!
 //! ```text
 //! D(t) = |x̂(t) − x̂(s)|   °C, s: time of the last change of the reading; D is 0 in the 3 minutes after s
@@ -7,21 +8,23 @@
 //!        three times the largest D of the remaining runs.
 //! ```
 //!
-//! Each run is tested with x̂ and θ from the other runs only. A period of constant readings is a freeze if
-//! - it **thaws** with a step of more than three counts to the next reading, and D exceeded θ before; or
-//! - it lasts to the end of its run, for at least half an hour, and D exceeds θ at the end.
+//! For the test of a run, x̂ and θ are calculated from the other runs only. A period of constant readings is a freeze
+//! in two cases:
+//! - The sensor **thaws**: the step to the next reading is more than three counts (smallest steps), and D exceeded θ
+//!   before.
+//! - The period lasts to the end of the run and for at least half an hour, and D exceeds θ at the end.
 //!
-//! The reading of a sensor in thermal equilibrium is constant, too, but then it changes by one or two counts. In a log
-//! with one row per minute, a fast sensor may change by many counts. Therefore the step of a sensor with coarse counts
-//! must also be twice as large as its own largest step. The air of a hall may be constant for hours, and the other
-//! sensors predict it badly. Therefore D of such a sensor must, at the end of a run, also exceed the usual error of x̂.
+//! The reading of a good sensor in thermal equilibrium is constant, too, but its next change is only one or two counts.
+//! A fast sensor may change by many counts within one row. Therefore the step of a sensor with coarse counts must also
+//! be twice as large as its own largest step. The air of a hall may be constant for hours, and the other sensors
+//! predict it badly. Therefore D of a sensor with coarse counts must also exceed the usual error of x̂ at the end of a
+//! run.
 //!
-//! Predictions are unreliable under conditions that the other runs do not contain. Therefore the rises for x̂ are
-//! clipped to the range of the other runs. A sensor that is constant far beyond its own readings in the other runs is
-//! not tested.
+//! Predictions are unreliable outside the range of the other runs. Therefore the rises from which x̂ is calculated are
+//! clipped to this range. A sensor whose constant reading is far outside its own range in the other runs is not tested.
 //!
-//! False alarms cost more than frozen sensors. An earlier test left out eight of twelve sound sensors of two machines.
-//! The models without them left nearly twice as much error.
+//! A false alarm costs more than an undetected freeze. An earlier, less strict test wrongly left out eight of twelve
+//! good sensors of two machines. The residual error of the models was then nearly twice as large.
 
 use rayon::prelude::*;
 
@@ -34,40 +37,44 @@ use crate::folds::folds;
 use crate::resolution::finest_step;
 use crate::statistics::{least_and_most, median, rms};
 
-/// Maximum step of a good sensor between two readings, in counts.
+/// Largest step of a good sensor between two readings, in counts (smallest steps of the reading).
 const COUNTS: f64 = 3.0;
-/// Tolerance for rounding errors, as a share. A step of exactly three counts must not exceed three counts.
+/// Tolerance for rounding errors, as a share of the limit. A step of exactly three counts must not exceed the limit of
+/// three counts.
 const ROUNDING: f64 = 1e-6;
 /// Minimum number of runs. With fewer runs, sensors are not tested for freezes.
 const FEWEST_RUNS: usize = 3;
-/// Minimum duration of constant readings if there are only [`FEWEST_RUNS`] runs, s.
+/// Minimum duration of constant readings that are tested if there are only [`FEWEST_RUNS`] runs, s.
 const LONG: f64 = 3600.0;
-/// Minimum duration of constant readings at the end of a run, s. A shorter period may be equilibrium, and has little
-/// effect.
+/// Minimum duration of constant readings that are tested at the end of a run, s. A shorter period may be thermal
+/// equilibrium, and has little effect on the model.
 const LONG_AT_THE_END: f64 = 1800.0;
-/// Factor by which the step of a thaw must exceed the largest own step of a coarse sensor.
+/// Factor by which the step at the end of a freeze must exceed the largest other step of a sensor with coarse counts.
 const LARGER: f64 = 2.0;
-/// Share of the span of a sensor's rises by which constant readings may be beyond this span. If the readings are
-/// farther beyond, the sensor is not tested.
+/// Distance of constant readings outside the range of a sensor's rises in the other runs, as a share of this range. If
+/// the distance is larger, the sensor is not tested.
 const BEYOND: f64 = 0.25;
 
-/// Returns a message about constant readings that were not tested for freezes; `None` if all were tested.
+/// Returns a message that some constant readings were not tested for freezes, because there are too few runs. `None` if
+/// all were tested.
 pub(crate) fn untested(campaign: &Campaign<'_>) -> Option<String> {
     if campaign.sensors().len() < 2 {
         return None;
     }
     match campaign.dataset.runs.len() {
         runs if runs >= ENOUGH_RUNS => None,
-        runs if runs >= FEWEST_RUNS => {
-            Some("fewer than four runs: sensors were not tested for freezes of less than an hour".to_owned())
-        }
-        _ => Some("fewer than three runs: sensors were not tested for freezes".to_owned()),
+        runs if runs >= FEWEST_RUNS => Some(
+            "there are fewer than four runs: only sensors that were constant for at least an hour were \
+             tested for freezes"
+                .to_owned(),
+        ),
+        _ => Some("there are fewer than three runs: sensors were not tested for freezes".to_owned()),
     }
 }
 
-/// Returns every freeze of the sensors of a campaign. The reading after each period of constant readings is taken from
-/// `logs`, the logs as recorded. Predictions are made from the campaign, in which other faults are repaired.
-/// `resolution` returns the count of a column of the logs in its unit, or 0 if it is unknown.
+/// Returns every freeze of the sensors of a campaign. `logs` are the logs as recorded; they give the next reading after
+/// each period of constant readings. Predictions use the campaign, in which other faults are repaired. `resolution`
+/// returns the count (smallest step) of a log column in its unit; 0 if it is not known.
 pub(crate) fn freezes(
     campaign: &Campaign<'_>,
     logs: &Dataset,
@@ -113,21 +120,21 @@ pub(crate) fn freezes(
     suspects.par_iter().map(|suspect| assess.frozen(suspect)).collect::<Vec<_>>().concat()
 }
 
-/// Periods of constant readings of a sensor in one run that may be freezes.
+/// Periods of constant readings of one sensor in one run, each of which may be a freeze.
 struct Suspect {
     /// Index of the sensor among the inputs.
     sensor: usize,
     run: usize,
-    /// Whether the sensor may be constant without a fault, because its counts are coarse.
+    /// Whether the reading may be constant without a fault, because the counts of the sensor are coarse.
     is_coarse: bool,
     stills: Vec<Standstill>,
 }
 
-/// Data for predictions, and the spans of the rises.
+/// Data for the test of a run: the predictions, and the ranges of the rises.
 struct Judge<'a> {
     others: &'a Others<'a>,
     logs: &'a Dataset,
-    /// For each run: smallest and largest rise of each candidate term.
+    /// For each run, the smallest and the largest rise of each candidate term.
     spans: Vec<Vec<(f64, f64)>>,
 }
 
@@ -142,7 +149,7 @@ impl<'a> Judge<'a> {
         Judge { others, logs, spans }
     }
 
-    /// Returns those periods of constant readings that are freezes.
+    /// Returns the freezes among the suspected periods of constant readings.
     fn frozen(&self, suspect: &Suspect) -> Vec<Frozen> {
         let Suspect { sensor, run, is_coarse, stills } = suspect;
         let (sensor, run) = (*sensor, *run);
@@ -176,9 +183,9 @@ impl<'a> Judge<'a> {
         found.into_iter().map(frozen).collect()
     }
 
-    /// Returns D (the predicted motion, °C) of a period of constant readings: the largest D if the period ends with a
-    /// step, else the last D. `None` if no row can be used, or if the sensor is constant far beyond its own readings in
-    /// the training runs.
+    /// Returns D (the predicted motion, °C) of a period of constant readings. If the period lasts to the end of the
+    /// run, the result is the last D, otherwise the largest. `None` if no row can be used, or if the constant reading
+    /// is far outside the range of the training runs.
     fn missed(
         &self,
         sensor: usize,
@@ -217,8 +224,8 @@ impl<'a> Judge<'a> {
         }
     }
 
-    /// Returns θ of a sensor and the usual error of x̂, °C, from these runs. The error is the median of the root mean
-    /// squares of these runs.
+    /// Returns the threshold θ of a sensor and the usual error of its prediction x̂ on these runs, °C. The usual error
+    /// is the median of the root mean squares of the runs.
     fn limits(&self, sensor: usize, runs: &[usize], penalty: f64) -> (f64, f64) {
         let (mut largest, mut errors) = (Vec::new(), Vec::new());
         for held in folds(runs) {
@@ -236,8 +243,8 @@ impl<'a> Judge<'a> {
         (theta(largest), median(errors))
     }
 
-    /// Returns a sensor's predicted rise in every row of a run. The rises of the other sensors are clipped to those of
-    /// the training runs.
+    /// Returns the predicted rise of a sensor in each row of a run. The rises of the other sensors are clipped to their
+    /// range in the training runs.
     fn predicted(&self, gains: &Gains, run: usize, training: &[usize]) -> Vec<f64> {
         let rises = &self.others.bank.runs[run].rises;
         let mut sum = vec![0.0; rises.nrows()];
@@ -251,14 +258,16 @@ impl<'a> Judge<'a> {
         sum
     }
 
-    /// Returns the smallest and largest rise of a column over these runs. Every run starts at a rise of 0.
+    /// Returns the smallest and the largest rise of a column over these runs. The range includes 0, at which every run
+    /// starts.
     fn span(&self, column: usize, runs: &[usize]) -> (f64, f64) {
         let spans = runs.iter().map(|run| self.spans[*run][column]);
         spans.fold((0.0, 0.0), |(low, high), (least, most)| (f64::min(low, least), f64::max(high, most)))
     }
 }
 
-/// Returns θ from the largest D of each run. With two runs, an outlier cannot be recognized.
+/// Returns the threshold θ, calculated from the largest D of each run. With only two runs, an outlier cannot be
+/// recognized.
 fn theta(mut largest: Vec<f64>) -> f64 {
     largest.sort_by(|one, other| other.total_cmp(one));
     let seen = match largest.as_slice() {

@@ -1,5 +1,6 @@
-//! Simulation of frozen sensors by the rules of the gateway, on rows of one minute. The results are the effect on the
-//! error, and the time to detection.
+//! Simulation of frozen sensors on rows of one minute, with the rules by which the gateway detects them. The results
+//! are the effect on the residual error, and the time to detection. A predictor is a sensor from which the frozen
+//! sensor is predicted.
 
 use rand::{RngExt, SeedableRng};
 use rayon::prelude::*;
@@ -10,22 +11,24 @@ use crate::setup::Ready;
 use crate::statistics::{least_and_most, range};
 use crate::validate::HeldOut;
 
-/// Number of consecutive rows of one minute after which a sensor is suspected, if D (motion of its prediction) exceeds
-/// the threshold in all of them.
+/// Number of consecutive rows in which D must exceed the threshold, so that the sensor is suspected to be frozen. D is
+/// the motion of the prediction while the reading is constant. A row is one minute.
 const MISSED: usize = 3;
-/// Share of a range in the other runs by which a predictor, or the value of a stand-in, may be beyond this range.
+/// Tolerance for a predictor and for the value of a stand-in: distance outside their range in the other runs, as a
+/// share of this range.
 const EDGE: f64 = 0.01;
-/// Share of a range in the other runs by which the sensor itself, or a lagged predictor, may be beyond this range.
+/// Tolerance for the sensor itself and for a lagged predictor: distance outside their range in the other runs, as a
+/// share of this range.
 const FAR: f64 = 0.10;
-/// Largest step of Cz that is assumed if the axis is not known, µm.
+/// Largest step of Cz (the compensation value) that is assumed if the axis is not known, µm.
 const USUAL_STEP: f64 = 1.0;
 
 /// Result of the simulated freeze of one sensor in a held-out run.
 #[derive(Clone, Debug, Serialize)]
 pub struct Frozen {
-    /// Name of the signal.
+    /// Name of the signal of the frozen sensor.
     pub signal: String,
-    /// Name of the run.
+    /// Name of the held-out run.
     pub run: String,
     /// Time of the freeze, s since the first row of the run.
     pub at: f64,
@@ -33,27 +36,28 @@ pub struct Frozen {
     pub noticed_after: Option<f64>,
     /// Time from the freeze to the use of a stand-in, s; `None` if no stand-in was used.
     pub replaced_after: Option<f64>,
-    /// Whether the other sensors and the predicted value were within the range of the other runs after the freeze.
+    /// Whether the other sensors and the predicted value stayed within their ranges in the other runs after the freeze.
     pub inside: bool,
-    /// Range of the error with the freeze and without it, µm. Both are results on a held-out run.
+    /// Range of the residual error with the freeze, and range without the freeze, µm. The model was identified without
+    /// this run.
     pub range: (f64, f64),
-    /// Range of the error if the freeze had not been detected, µm.
+    /// Range of the residual error that would result if the freeze were not detected, µm.
     pub range_unnoticed: f64,
-    /// Whether the test reported the sensor as frozen in this run while the sensor was good.
+    /// Whether the sensor was reported as frozen in this run before the simulated freeze, while it was good.
     pub false_alarm: bool,
 }
 
-/// Sensor in one run, with its predictions by models from the other runs.
+/// Sensor that is tested in one run, with its predictions by models from the other runs.
 struct WatchedSensor {
     sensor: usize,
     run: usize,
     gains: Gains,
     threshold: f64,
-    /// Range of the rise of the sensor in the other runs, °C.
+    /// Smallest and largest rise of the sensor in the other runs, °C.
     span: (f64, f64),
     /// Predicted rise of the sensor in each row of one minute.
     predicted: Vec<f64>,
-    /// For each row: whether a predictor is beyond its range in the other runs, or a lagged predictor is far beyond it.
+    /// For each row: whether a predictor is outside its range in the other runs, or a lagged predictor is far outside.
     outside: Vec<bool>,
 }
 
@@ -91,14 +95,15 @@ impl Others<'_> {
         }
     }
 
-    /// Returns the smallest and the largest rise of a sensor in these runs; infinite bounds if there are no rises.
+    /// Returns the smallest and the largest rise of a sensor in these runs. If there are no rises, the bounds are
+    /// infinite.
     fn span(&self, sensor: usize, runs: &[usize]) -> (f64, f64) {
         let rises = runs.iter().flat_map(|run| self.rise(sensor, *run));
         least_and_most(rises).unwrap_or((f64::NEG_INFINITY, f64::INFINITY))
     }
 
-    /// Returns for each row of a run whether a predictor with these gains is beyond its range in the training runs. The
-    /// value is also true if a lagged predictor is far beyond its range.
+    /// Returns for each row of a run whether a predictor in `gains` is outside its range in the training runs. A lagged
+    /// predictor has a larger tolerance.
     fn outside(&self, gains: &Gains, training: &[usize], run: usize) -> Vec<bool> {
         let mut outside = vec![false; self.bank.runs[run].seconds.len()];
         for (candidate, _) in gains.iter().filter(|(_, gain)| gain.abs() > 0.0) {
@@ -115,8 +120,8 @@ impl Others<'_> {
         outside
     }
 
-    /// Returns the result of a freeze of the sensor. It freezes after the share `when` of the run. `step` is the
-    /// largest step of the axis, µm.
+    /// Simulates one freeze of the sensor, and returns the result. The freeze begins after the share `when` of the run.
+    /// `step` is the largest step of Cz on this axis, µm.
     fn frozen_once(&self, watched: &WatchedSensor, held: &HeldOut, when: f64, step: f64) -> Frozen {
         let WatchedSensor { sensor, run, ref predicted, ref outside, .. } = *watched;
         let (seconds, rise) = (&self.bank.runs[run].seconds, self.rise(sensor, run));
@@ -158,8 +163,8 @@ impl Others<'_> {
 }
 
 impl WatchedSensor {
-    /// Returns the row in which the sensor is suspected if its reading is constant from `at` on; `None` if it is never
-    /// suspected.
+    /// Returns the first row in which the sensor is suspected to be frozen if its rise is constant from the row `at`
+    /// on. `None` if it is never suspected.
     fn noticed(&self, seconds: &[f64], reads: f64, at: usize) -> Option<usize> {
         let base = self.base(at)?;
         let apart = |row: usize| match seconds[row] - seconds[at] < super::LATELY {
@@ -169,14 +174,14 @@ impl WatchedSensor {
         self.first_missed(&vec![reads; seconds.len()], at, apart)
     }
 
-    /// Returns the log row with which later predictions are compared: the first row that has a prediction. `None` if no
-    /// row has one.
+    /// Returns the row with which the later predictions are compared: the first row from `at` on that has a prediction.
+    /// `None` if there is no such row.
     fn base(&self, at: usize) -> Option<usize> {
         (at..self.outside.len()).find(|row| !self.outside[*row])
     }
 
-    /// Returns the stand-in in each row if the reading is constant from `at` on. If a predictor or the stand-in is
-    /// beyond its range, the previous value is used.
+    /// Returns the value of the stand-in in each row, if the rise of the sensor is constant from the row `at` on. While
+    /// a predictor or the stand-in is outside its range, the previous value is kept.
     fn values(&self, reads: f64, at: usize) -> Vec<f64> {
         let base = self.base(at);
         let mut value = reads;
@@ -190,8 +195,8 @@ impl WatchedSensor {
         (0..self.outside.len()).map(row).collect()
     }
 
-    /// Returns the first row in which the sensor is suspected; `None` if there is none. `rises` contains the rise of
-    /// the sensor in each row. `apart` returns D of a row, °C.
+    /// Returns the first row from `from` on in which the sensor is suspected to be frozen; `None` if there is none.
+    /// `rises` contains the rise of the sensor in each row. `apart` returns D of a row, °C.
     fn first_missed(&self, rises: &[f64], from: usize, apart: impl Fn(usize) -> f64) -> Option<usize> {
         let mut missed = 0;
         (from..self.outside.len()).find(|row| {
@@ -207,7 +212,7 @@ impl WatchedSensor {
     }
 }
 
-/// Returns how far a rise is beyond a range, as a share of this range; negative inside.
+/// Returns how far a rise is outside a range, as a share of this range; negative if the rise is inside.
 fn beyond((least, most): (f64, f64), rise: f64) -> f64 {
     if most > least { (least - rise).max(rise - most) / (most - least) } else { f64::NEG_INFINITY }
 }

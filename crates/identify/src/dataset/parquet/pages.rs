@@ -1,4 +1,5 @@
-//! Checks of the pages of a column before they are decompressed. A small compressed page can decompress to a huge one.
+//! Checks of the pages (compressed blocks) of a Parquet column before they are decompressed. A small compressed page
+//! can decompress to a huge one.
 
 use std::fs::File;
 use std::io::{self, Read, Seek, SeekFrom};
@@ -8,24 +9,26 @@ use parquet::file::metadata::ColumnChunkMetaData;
 
 use super::thrift;
 
-/// Maximum decompressed size of a page, bytes. Most programs write pages of 1 MB; some write one page for each row
-/// group.
+/// Maximum decompressed size of a page, bytes. Most programs write pages of 1 MB. Some programs write each row group as
+/// one larger page.
 const LARGEST_PAGE: u64 = 48_000_000;
-/// Maximum decompressed size of a dictionary, bytes. In memory, its texts need several times this size.
+/// Maximum decompressed size of a dictionary page, bytes. In memory, the texts of a dictionary need several times this
+/// size.
 const LARGEST_DICTIONARY: u64 = 8_000_000;
-/// Maximum size of a page header, bytes. A header contains only some integers, and the minimum and maximum value.
+/// Maximum size of a page header, bytes. A header contains only some integers, and the minimum and maximum value of the
+/// page.
 const LONGEST_HEAD: usize = 64 * 1024;
 /// Number of bytes that are read from the file in one step.
 const WINDOW: usize = 1 << 20;
 
-/// Result of the check of a column.
+/// Result of the check of the pages of one column.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) struct CheckedPages {
-    /// Whether texts are delta-encoded. This reader does not support that.
+    /// Whether texts of the column are delta-encoded (stored as differences). This reader does not support that.
     pub(super) has_deltas_of_texts: bool,
 }
 
-/// Header of a page: the fields with its type and sizes.
+/// Header of a page: the fields with the page type and the sizes.
 #[derive(Clone, Copy, Debug, Default)]
 struct Head {
     kind: i64,
@@ -43,7 +46,7 @@ const DELTAS_OF_TEXTS: [i64; 2] = [6, 7];
 /// Checks every page of one column in one row group.
 ///
 /// # Errors
-/// A page is outside the file, or larger than allowed.
+/// A page extends beyond the file or the column, or is larger than allowed.
 pub(super) fn check_pages(
     file: &File,
     length: u64,
@@ -54,7 +57,7 @@ pub(super) fn check_pages(
         .map_or(chunk.data_page_offset(), |dictionary| dictionary.min(chunk.data_page_offset()));
     let place = |number: i64| {
         u64::try_from(number).map_err(|_| {
-            "the position of this column in the file is negative: write the file again".to_owned()
+            "the file states a negative position for this column: write the file again".to_owned()
         })
     };
     let (begin, size) = (place(begin)?, place(chunk.compressed_size())?);
@@ -117,7 +120,8 @@ impl Head {
                 // An entry of a dictionary takes at least one byte, in most cases four or eight.
                 if is_dictionary && values > unpacked {
                     return Err(format!(
-                        "the header of a dictionary of {unpacked} bytes claims {values} entries"
+                        "the header of a dictionary of {unpacked} bytes states {values} entries, which do not \
+                         fit into this size: write the file again"
                     ));
                 }
                 Ok(())

@@ -1,12 +1,12 @@
-//! Decoder of the Thrift compact protocol, in which page headers are encoded. It extracts integers and skips everything
-//! else. It rejects a length that is greater than the available bytes.
+//! Decoder of the Thrift compact protocol, in which the page headers of Parquet files are encoded. The decoder extracts
+//! integers and skips everything else. It rejects a length that exceeds the available bytes.
 
 /// Maximum nesting depth of structures. Page headers are nested less deeply.
 const DEEPEST: u32 = 8;
 
-/// Decodes a structure, and calls `tell` for each integer in it with the path and the value of the integer. The path
-/// contains the field numbers, the outermost first. Returns the length of the structure in bytes; `None` if it is
-/// invalid or truncated.
+/// Decodes a structure, and calls `tell` for each integer with its path and its value. The path contains the numbers of
+/// the nested fields, from the outermost to the innermost. Returns the length of the structure in bytes; `None` if it
+/// is invalid or truncated.
 pub(super) fn read(bytes: &[u8], tell: &mut dyn FnMut(&[i16], i64)) -> Option<usize> {
     let rest = structure(bytes, &mut Vec::new(), DEEPEST, tell)?;
     Some(bytes.len() - rest.len())

@@ -1,5 +1,5 @@
-//! Check of the parts of a workbook, which is a zip file. A small part can decompress to a huge one, whatever size the file
-//! states.
+//! Check of the parts of a workbook, which is a zip file. A small part can decompress to a huge one, even if the file
+//! states another size.
 
 use std::io::{self, Read};
 
@@ -11,7 +11,8 @@ const LARGEST: u64 = 1_000_000_000;
 const LARGEST_TEXTS: u64 = 32_000_000;
 /// Length of the end record of a zip file, bytes, without the file comment.
 const END: usize = 22;
-/// Length of the fixed header of a part, bytes: `ENTRY` in the zip directory, `LOCAL` before the data of the part.
+/// Lengths of the fixed headers of a part, bytes: `ENTRY` in the zip directory, and `LOCAL` before the data of the
+/// part.
 const ENTRY: usize = 46;
 const LOCAL: usize = 30;
 
@@ -20,7 +21,7 @@ const LOCAL: usize = 30;
 /// # Errors
 /// The file is not a zip file, or a part is larger than allowed or than the zip directory states.
 pub(super) fn check(bytes: &[u8]) -> Result<(), String> {
-    let damaged = "this is no workbook (.xlsx), or a damaged one: save the sheet as CSV";
+    let damaged = "the file is not a workbook (.xlsx), or it is damaged: save the sheet as CSV";
     let mut at = directory(bytes).ok_or(damaged)?;
     let mut all = 0u64;
     while bytes.get(at..).is_some_and(|rest| rest.starts_with(b"PK\x01\x02")) {
@@ -64,7 +65,7 @@ struct Part<'b> {
     is_packed: bool,
     /// Size of the decompressed part as the zip directory states it, bytes.
     unpacked: u64,
-    /// Whether the library keeps the whole part in memory. This is so for all parts except sheets.
+    /// Whether the library keeps the whole decompressed part in memory. This applies to all parts except sheets.
     is_kept: bool,
     /// Offset of the next entry in the zip directory.
     next: usize,
@@ -95,7 +96,7 @@ impl Part<'_> {
         })
     }
 
-    /// Returns whether the decompressed size of the part is the stated size. The decompressed data are discarded.
+    /// Returns whether the decompressed part has exactly the stated size. The decompressed data are discarded.
     fn is_as_stated(&self) -> bool {
         if !self.is_packed {
             return self.packed.len() as u64 == self.unpacked;
@@ -158,7 +159,7 @@ pub(super) mod tests {
         );
         let large = check(&written(&[("xl/sharedStrings.xml", packed, 50_000_000)], 8)).unwrap_err();
         assert!(large.contains("32 MB of texts"), "{large}");
-        assert!(check(b"time,bed\n0,20\n").unwrap_err().contains("no workbook"));
+        assert!(check(b"time,bed\n0,20\n").unwrap_err().contains("the file is not a workbook"));
         let whole = written(&[("xl/worksheets/a.xml", b"text".as_slice(), 4)], 0);
         assert_eq!(check(&whole), Ok(()));
         for end in 0..whole.len() {

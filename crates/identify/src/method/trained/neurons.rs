@@ -1,10 +1,10 @@
 //! `network`: one layer of tanh neurons, trained by back-propagation with Adam (Kingma and Ba 2015) on all rows at
 //! once.
 //!
-//! The initial weights are small. A short training therefore gives a nearly linear network in the directions in which
-//! the sensors change most. A longer training follows finer details. The number of rounds is chosen on held-out runs
-//! (early stopping by run). Then several networks with different initial weights are trained on all runs for that
-//! number of rounds. Their mean is one wider network.
+//! The initial weights are small. Therefore a short training gives a nearly linear network that follows only the
+//! largest changes of the sensors. A longer training also follows finer details. The number of rounds is chosen on
+//! held-out runs (early stopping by run). Then several networks with different initial weights are trained on all runs
+//! for that number of rounds. The model is the mean of these networks, which is one wider network.
 
 use faer::linalg::matmul::matmul;
 use faer::{Accum, MatMut, MatRef, Par};
@@ -18,21 +18,21 @@ use serde_json::{Value, json};
 use super::{Fold, Samples, least, rows};
 use crate::statistics::count;
 
-/// Number of networks in the mean.
+/// Number of networks whose mean is the model.
 pub(super) const MEMBERS: usize = 5;
-/// Number of networks in the mean while training lengths are compared.
+/// Number of networks whose mean is tested while the training lengths are compared.
 const COMPARED: u64 = 2;
-/// Numbers of training rounds to compare.
+/// Numbers of training rounds that are compared. A round is one pass over all rows.
 pub(super) const LENGTHS: [usize; 11] = [30, 60, 100, 150, 200, 300, 400, 600, 800, 1000, 1500];
-/// Number of training rounds for a single run, which allows no validation.
+/// Number of training rounds if there is only one run, because no validation is possible then.
 const UNVALIDATED: usize = 100;
 /// Weight decay: share of a weight that is added to its gradient.
 const DECAY: f64 = 1e-3;
 const RATE: f64 = 0.01;
-/// Standard deviations of the initial weights: input weights of a neuron, bias, and output weight.
+/// Standard deviations of the random initial weights: input weights of a neuron, bias of a neuron, and output weight.
 const BEGIN: (f64, f64, f64) = (0.2, 0.2, 0.5);
 
-/// Network y = Σ w·(tanh(W·x + b) − tanh b), which is zero if all rises are zero.
+/// Network y = Σ w·(tanh(W·x + b) − tanh b) with the rises x. It gives zero if all rises are zero.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Neurons {
     first: DMatrix<f64>,
@@ -75,7 +75,7 @@ impl Neurons {
     }
 
     /// Returns the gradients with respect to W, b and w of half the mean squared error, with weight decay. `self`
-    /// contains several networks of `neurons` neurons, each with its own error.
+    /// contains several networks of `neurons` neurons each. The error of each network is calculated separately.
     fn slopes(&self, samples: &Samples, neurons: usize) -> (DMatrix<f64>, DVector<f64>, DVector<f64>) {
         let mut layer = self.layer(&samples.rises);
         let rest = self.at_rest();
@@ -104,7 +104,7 @@ impl Neurons {
         (first * each + &self.first * DECAY, bias, second)
     }
 
-    /// Combines networks into one with all their neurons.
+    /// Combines several networks into one network that contains all their neurons.
     fn stacked(parts: &[Neurons]) -> Neurons {
         let of = |of: fn(&Neurons) -> &DVector<f64>| {
             DVector::from_vec(parts.iter().flat_map(|part| of(part).iter().copied()).collect())
@@ -117,7 +117,7 @@ impl Neurons {
         }
     }
 
-    /// Selects `neurons` neurons from `begin` on.
+    /// Returns a network of `neurons` consecutive neurons. `begin` is the index of the first of them.
     fn part(&self, begin: usize, neurons: usize) -> Neurons {
         Neurons {
             first: self.first.rows(begin, neurons).into_owned(),
@@ -149,8 +149,8 @@ fn view(matrix: &DMatrix<f64>) -> MatRef<'_, f64> {
 pub(super) fn tanh(x: f64) -> f64 {
     /// Argument above which the result is 1.
     const FLAT: f64 = 20.0;
-    /// Number that rounds a small number to an integer when the two are added. The integer is then in the last bits of
-    /// the sum.
+    /// Constant for rounding: the sum of this constant and a small number contains the small number in its last bits,
+    /// rounded to an integer.
     const WHOLE: f64 = 6_755_399_441_055_744.0;
     const LN_2: (f64, f64) = (6.931_471_803_691_238e-1, 1.908_214_929_270_587_7e-10);
     /// Reciprocals of the factorials of 0 to 13.
@@ -178,7 +178,8 @@ pub(super) fn tanh(x: f64) -> f64 {
     ((1.0 - exp) / (1.0 + exp)).copysign(x)
 }
 
-/// Running means of the optimizer Adam for some weights: of the gradient, and of the square of the gradient.
+/// State of the optimizer Adam for some weights: running mean of the gradient, and running mean of the square of the
+/// gradient.
 struct Adam {
     mean: Vec<f64>,
     square: Vec<f64>,
@@ -189,7 +190,7 @@ impl Adam {
         Adam { mean: vec![0.0; weights], square: vec![0.0; weights] }
     }
 
-    /// Updates the weights. `begun` corrects the initial bias of the two running means.
+    /// Updates the weights by one step of the optimizer. `begun` corrects the initial bias of the two running means.
     fn step(&mut self, weights: &mut [f64], slopes: &[f64], begun: (f64, f64)) {
         let means = self.mean.iter_mut().zip(&mut self.square);
         let all = weights.iter_mut().zip(slopes).zip(means);
@@ -205,8 +206,8 @@ impl Adam {
 
 const KEPT: (f64, f64) = (0.9, 0.999);
 
-/// Trains one network for each seed. Returns each network after each number of rounds in `lengths`, which are
-/// ascending. All networks are trained in one pass over the rows per round.
+/// Trains one network for each seed. `lengths` contains numbers of rounds in ascending order. Returns all networks for
+/// each of these numbers. In each round, all networks are trained in one pass over the rows.
 pub(super) fn train(
     samples: &Samples,
     neurons: usize,
@@ -263,7 +264,7 @@ pub(super) fn fit(all: &Samples, folds: &[Fold<'_>], neurons: usize, seed: u64) 
     each.flatten().collect()
 }
 
-/// Returns the mean of the networks as one network, in the file format of isotherm.
+/// Returns the mean of the networks as the content of a model file (one network in JSON).
 pub(super) fn file(members: &[Neurons]) -> Value {
     let share = 1.0 / count(members.len());
     let weights: Vec<Vec<f64>> = members.iter().flat_map(|member| rows(&member.first)).collect();

@@ -1,6 +1,7 @@
-//! `rbf`: Gaussian functions of one width around centres, which k-means finds among the rows. Penalized least squares
-//! gives their weights. Width and penalty are chosen on held-out runs. Wide functions with large weights of both signs
-//! give a smooth surface. Narrow functions follow each region separately.
+//! `rbf`: a sum of Gaussian functions around centres. All functions have the same width. k-means finds the centres
+//! among the rows. Penalized least squares gives their weights. Width and penalty are chosen on held-out runs. Wide
+//! functions with large positive and negative weights give a smooth surface. Narrow functions follow each region of the
+//! inputs separately.
 
 use nalgebra::{DMatrix, DVector};
 use rand::{RngExt, SeedableRng};
@@ -11,24 +12,25 @@ use super::{Fold, Samples, least, rows};
 use crate::solve::penalized;
 use crate::statistics::{count, smallest};
 
-/// Widths to try, as multiples of the root mean square of all inputs together.
+/// Widths that are tried, as multiples of the root mean square of all inputs together.
 const WIDTHS: [f64; 5] = [0.5, 1.0, 2.0, 4.0, 8.0];
-/// Number of penalties to try, 1e-10 to 0.1 times the mean square of a basis function.
+/// Number of penalties that are tried, from 1e-10 to 0.1 times the mean square of a basis function.
 const PENALTIES: i32 = 10;
-/// Width and penalty for a single run, with which no validation is possible.
+/// Width and penalty if there is only one run, because no validation is possible then.
 const UNVALIDATED: (f64, f64) = (4.0, 1e-4);
 const ROUNDS: usize = 50;
-/// k-means ends if no centre moves further than this.
+/// Distance of centres, in units of the scaled inputs. k-means ends if no centre moves farther than this.
 const STILL: f64 = 1e-6;
 
-/// Number of models in the mean. Each has its own centres, because the result of k-means depends on its random start.
+/// Number of radial-basis models whose mean is the model. Each has its own centres, because the result of k-means
+/// depends on its random start.
 const MEMBERS: u8 = 5;
 
 /// Model that is the mean of several radial-basis models.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Bumps(Vec<Member>);
 
-/// Radial-basis model y = Σ w·(φ(x) − φ(0)), which is zero if all rises are zero.
+/// Radial-basis model y = Σ w·(φ(x) − φ(0)) with the rises x. It gives zero if all rises are zero.
 #[derive(Clone, Debug, PartialEq)]
 struct Member {
     centres: DMatrix<f64>,
@@ -90,7 +92,7 @@ fn member_of(all: &Samples, folds: &[Fold<'_>], centres: usize, seed: u64) -> Me
     Member::new(all, centres, width, penalty)
 }
 
-/// Returns the model as a network in the file format of isotherm.
+/// Returns the model as the content of a model file (a network in JSON).
 pub(super) fn file(bumps: &Bumps) -> Value {
     let share = 1.0 / count(bumps.0.len());
     let mut bias = 0.0;
@@ -115,7 +117,7 @@ fn at_rest(centres: &DMatrix<f64>, width: f64) -> DVector<f64> {
     )
 }
 
-/// Returns the value of each basis function for each row, minus the value of that function if all rises are zero.
+/// Returns for each row the value of each basis function, minus the value of that function at zero rises.
 fn said(rises: &DMatrix<f64>, centres: &DMatrix<f64>, width: f64) -> DMatrix<f64> {
     let rest = at_rest(centres, width);
     let apart = |row: usize, place: usize| apart(rises, row, centres, place);
@@ -124,13 +126,13 @@ fn said(rises: &DMatrix<f64>, centres: &DMatrix<f64>, width: f64) -> DMatrix<f64
     })
 }
 
-/// Returns the squared distance between the row `row` and the centre `place`.
+/// Returns the squared distance between the rises in the row `row` and the centre `place`.
 fn apart(rises: &DMatrix<f64>, row: usize, centres: &DMatrix<f64>, place: usize) -> f64 {
     (0..rises.ncols()).map(|column| (rises[(row, column)] - centres[(place, column)]).powi(2)).sum()
 }
 
-/// Returns the centres of groups of similar rows, at most one per row. k-means begins with rows that are far apart
-/// (k-means++, Arthur and Vassilvitskii 2007).
+/// Returns the centres of groups of similar rows; there are at most as many centres as rows. k-means begins with rows
+/// that are far apart (k-means++, Arthur and Vassilvitskii 2007).
 fn k_means(rises: &DMatrix<f64>, centres: usize, seed: u64) -> DMatrix<f64> {
     let mut chance = Pcg64Mcg::seed_from_u64(seed);
     let count = rises.nrows();
