@@ -39,46 +39,61 @@ impl Method {
         (
             Method::Whitened,
             "whitened",
-            "The mean of a ridge and an elastic net on rows without their slow random drift",
+            "Mean of a ridge regression and an elastic net on log rows from which the slow random drift is \
+             removed",
         ),
         (
             Method::SparseLag,
             "sparse-lag",
-            "Mean of a forward search and an elastic net on pairs of sensor and lag, tuned on held-out runs. \
-             With --terms N, the forward search alone, with at most N pairs",
+            "Mean of a forward search and an elastic net over pairs of sensor and lag, tuned on held-out \
+             runs. With --terms N, only the forward search is used, with at most N pairs",
         ),
         (Method::RidgeLag, "ridge-lag", "Ridge regression on every sensor through every lag"),
         (
             Method::Stepwise,
             "stepwise",
-            "Pairs of sensor and lag, added and removed stepwise by partial F tests",
+            "Stepwise regression: partial F tests add and remove pairs of sensor and lag",
         ),
-        (Method::Ols, "ols", "Least squares on the rises of all sensors, without lags"),
-        (Method::Lag, "lag", "One time constant for each of a few sensors, fitted (Janeczko 1989)"),
+        (Method::Ols, "ols", "Ordinary least squares on the rises of all sensors, without lags"),
+        (
+            Method::Lag,
+            "lag",
+            "A few sensors, each with one fitted gain and one fitted time constant (Janeczko 1989)",
+        ),
         (
             Method::Position,
             "position",
-            "Terms of Cz and of its slope over --position, chosen on held-out runs (Li et al. 1998)",
+            "Terms of a constant part and of a slope over the axis position --position, chosen on held-out \
+             runs (Li et al. 1998)",
         ),
         (
             Method::TwoSource,
             "two-source",
-            "--first sensors from the --waiting runs, --second sensors from the residual error of the others \
-             (Tachiya et al. 2013)",
+            "Two sources of heat. The sensors after --first are fitted to the runs after --waiting, those \
+             after --second to the residual error of the other runs (Tachiya et al. 2013)",
         ),
         (
             Method::Difference,
             "difference",
-            "One gain for the difference of two sensors, and each of them alone with the time since machine start (JP H07-61598 B2)",
+            "One gain for the temperature difference of two sensors. If one sensor fails, the other sensor is \
+             used with the time since machine start (JP H07-61598 B2)",
         ),
-        (Method::Rbf, "rbf", "Radial basis functions around --centres points that k-means finds"),
+        (
+            Method::Rbf,
+            "rbf",
+            "Radial basis functions around points that k-means finds; --centres sets their number",
+        ),
         (
             Method::Network,
             "network",
-            "A network of --neurons in one layer, trained by back-propagation until the error of held-out days \
-             is smallest",
+            "Network with one layer of neurons (their number is --neurons), trained by back-propagation until \
+             the error of held-out days is smallest",
         ),
-        (Method::None, "none", "No model: the uncompensated machine, or a probe alone"),
+        (
+            Method::None,
+            "none",
+            "No model: shows the error of the uncompensated machine, or the error with a probe alone",
+        ),
     ];
 
     /// Returns the name of the method on the command line and in JSON.
