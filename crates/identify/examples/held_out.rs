@@ -49,8 +49,8 @@ struct Channel {
     /// Limits of the range of the residual error for a model with three sensors, and for a model with eight sensors,
     /// µm.
     sensors: Option<[f64; 2]>,
-    /// Limits of the residual error for a model that also has the spindle speed and its square as inputs, µm: range,
-    /// root mean square, and range with an hourly probe.
+    /// Limits of the residual error for a model with the spindle speed and its square as further inputs, µm. They are
+    /// range, root mean square, and range with an hourly probe.
     speeds: Option<[f64; 3]>,
 }
 
@@ -102,7 +102,7 @@ const SPOILT: f64 = 10.0;
 /// Smallest and largest accepted share of the log rows whose residual error is within the expected error, and within
 /// twice the expected error.
 const INSIDE: [(f64, f64); 2] = [(0.55, 0.85), (0.84, 0.98)];
-/// Seconds of an hour.
+/// Number of seconds in an hour.
 const HOUR: f64 = 3600.0;
 
 fn main() -> ExitCode {
@@ -213,7 +213,7 @@ impl Record<'_> {
         let cost = mean(growths.into_iter());
         let reached = if cost <= SPOILT { "reached" } else { "MISSED" };
         println!(
-            "{:7} frozen in one training run   {cost:+6.1} %, at most {SPOILT} % (worst {worst:+.0} %): {reached}",
+            "{:7} range, frozen in training    {cost:+6.1} %, at most {SPOILT} % (worst {worst:+.0} %): {reached}",
             self.error
         );
     }
@@ -292,7 +292,7 @@ impl Record<'_> {
         let (told, unreported) = (growth(|one| one.range.0), growth(|one| one.range_unnoticed));
         let reached = if told <= FROZEN { "reached" } else { "MISSED" };
         println!(
-            "{:7} one sensor frozen          {told:+6.1} %, at most {FROZEN} % ({unreported:+.0} % unnoticed): {reached}",
+            "{:7} range, sensor frozen       {told:+6.1} %, at most {FROZEN} % ({unreported:+.0} % if unnoticed): {reached}",
             self.error
         );
         let mut after: Vec<f64> = all.iter().map(|one| one.noticed_after.unwrap_or(f64::INFINITY)).collect();

@@ -38,7 +38,7 @@ pub struct Terms {
     /// Direction of the array, as an index of [`DIRECTIONS`].
     #[serde(skip)]
     pub along: usize,
-    /// Direction of the array as text.
+    /// Direction of the array as text: `x`, `y` or `z`.
     pub array: &'static str,
     /// Position p0 along the array that counts as the origin, mm. At p0, expansion and tilt add nothing to the drift d.
     pub origin_mm: f64,

@@ -333,7 +333,7 @@ pub(super) fn without(inputs: &[Input], excluded: &[Finding]) -> Vec<Input> {
     inputs.iter().filter(is_good).cloned().collect()
 }
 
-/// Returns the log columns of those inputs that are temperatures.
+/// Returns the indices of the log columns of those inputs that are temperatures.
 pub(super) fn temperatures_of(dataset: &Dataset, inputs: &[Input]) -> Vec<usize> {
     let columns = inputs.iter().map(|input| input.column);
     columns.filter(|column| dataset.columns[*column].kind == Kind::Temperature).collect()

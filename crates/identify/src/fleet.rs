@@ -209,11 +209,13 @@ impl RunProducts {
     /// Returns a message if the file is invalid or was changed.
     pub fn from_json(bytes: &[u8]) -> Result<RunProducts, String> {
         let head: Head = serde_json::from_slice(bytes).map_err(|why| {
-            format!("this is no file of run products (Gram products of runs, format \"{FORMAT}\"): {why}")
+            format!(
+                "the file does not contain run products (Gram products of runs, format \"{FORMAT}\"): {why}"
+            )
         })?;
         if head.format.as_deref() != Some(FORMAT) {
             return Err(format!(
-                "this is no file of run products (Gram products of runs): the format is not \"{FORMAT}\""
+                "the file does not contain run products (Gram products of runs): its format is not \"{FORMAT}\""
             ));
         }
         if head.version != Some(VERSION) {
@@ -223,7 +225,9 @@ impl RunProducts {
             ));
         }
         let file: File = serde_json::from_slice(bytes).map_err(|why| {
-            format!("this is no file of run products (Gram products of runs, format \"{FORMAT}\"): {why}")
+            format!(
+                "the file does not contain run products (Gram products of runs, format \"{FORMAT}\"): {why}"
+            )
         })?;
         if file.sha256 != file.products.seal()? {
             return Err(

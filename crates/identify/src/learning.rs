@@ -58,7 +58,7 @@ const RESAMPLE: Duration = Duration::from_mins(1);
 #[derive(Clone, Debug)]
 pub struct Learning {
     axis: String,
-    /// Runs in the order of time.
+    /// Learned runs in the order of time.
     runs: Vec<LearnedRun>,
     record: Record,
 }

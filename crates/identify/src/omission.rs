@@ -1,8 +1,7 @@
 //! Effect of leaving a sensor out: the residual errors of a model with the sensor and of a model without it. Both
 //! models are identified by the method `whitened`, and are tested on the same rows of held-out runs.
 //!
-//! The models are those of `whitened`, independent of the chosen method. All these models are tested on the same rows,
-//! without masked rows.
+//! This method is used even if the operator chose another one. Masked rows are not used.
 
 use std::iter::once;
 

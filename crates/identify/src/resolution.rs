@@ -25,7 +25,7 @@ const MOST: f64 = 1.0;
 /// Count of a typical temperature input module, °C. It is assumed for a coarse sensor whose reading never changed.
 const USUAL: f64 = 0.1;
 
-/// Returns the count of a signal in its unit; `None` if the raw value of the signal is not a whole number, or if the
+/// Returns the count of a signal in its unit. `None` if the raw value of the signal is not a whole number, or if the
 /// device may change the scale.
 pub(crate) fn scale(signal: &Signal) -> Option<f64> {
     if signal.scale_from.is_some() {

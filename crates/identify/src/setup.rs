@@ -269,7 +269,7 @@ fn inputs(
             temperatures.partition(|name| dataset.column(name).is_some());
         found = there.into_iter().filter_map(|name| input(profile, dataset, name, "", wrong)).collect();
         if !missing.is_empty() && !found.is_empty() {
-            remarks.push(format!("in the profile, but not in the logs: {}", missing.join(", ")));
+            remarks.push(format!("temperatures of the profile that no log contains: {}", missing.join(", ")));
         }
         let signals = signals(profile);
         let logged = dataset.columns.iter().chain(&dataset.unread);

@@ -12,7 +12,8 @@
 //! In simulations, 95 to 98 % of the gains are within 1.96 of these standard errors. The simulations had 500 to 1500
 //! campaigns of two, three, four and eight runs, with disturbances of half an hour to four hours. A simpler method
 //! counts samples by the correlation time of the residuals. With two runs, only 84 % of the gains would then be within
-//! 1.96 standard errors, because the residuals of a fit have a shorter correlation time than the disturbances.
+//! 1.96 standard errors. The reason is that the residuals of a fit have a shorter correlation time than the
+//! disturbances.
 
 use nalgebra::{DMatrix, DVector, SymmetricEigen};
 use statrs::distribution::{ContinuousCDF, StudentsT};

@@ -88,8 +88,8 @@ pub fn written(found: &Identified, stem: &str, outside: Outside) -> Written {
     Written { block, files }
 }
 
-/// Returns the additional keys of the model, without those of fallback models: its two halves (if it is a mean of two
-/// models), its expected error, and its stand-ins.
+/// Returns the additional keys of the model, but not of its fallback models. They name its two halves (if it is a mean
+/// of two models), its expected error, and its stand-ins.
 fn beside(found: &Identified, stem: &str, files: &mut Vec<(String, String)>) -> String {
     let mut keys = String::new();
     let mut file = |key: &str, word: &str, content: Value| {

@@ -130,8 +130,9 @@ fn replay_leaves_out_the_errors_that_identify_leaves_out() {
     for word in ["999.9", "-9999", "OL", "n/a"] {
         let answer = replayed(&|line| [100, 101].contains(&line).then_some(word));
         assert_eq!(answer.code, Some(0), "{}", answer.said);
-        let remark =
-            format!("line 100, column z_error_um: `{word}` is no measured value, also in line 101: left out");
+        let remark = format!(
+            "line 100, column z_error_um: `{word}` is not a measured value, also in line 101: left out"
+        );
         assert!(answer.out.contains(&remark), "{}", answer.out);
         let rows = std::fs::read_to_string(home.path().join("out.csv")).unwrap();
         let residual =

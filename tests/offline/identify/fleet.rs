@@ -119,8 +119,8 @@ fn products_that_were_changed_are_of_another_version_or_are_none_are_refused() {
     for (from, to, words) in [
         ("\"machine\":\"mill-1\"", "\"machine\":\"mill-7\"", "the checksum is wrong"),
         ("\"version\":1", "\"version\":2", "this program reads version 1"),
-        ("isotherm-products", "isotherm-halves", "the format is not \"isotherm-products\""),
-        ("{\"format\"", "[{\"format\"", "no file of run products"),
+        ("isotherm-products", "isotherm-halves", "its format is not \"isotherm-products\""),
+        ("{\"format\"", "[{\"format\"", "does not contain run products"),
     ] {
         assert!(file.contains(from), "{from}");
         let why = RunProducts::from_json(file.replacen(from, to, 1).as_bytes()).unwrap_err();

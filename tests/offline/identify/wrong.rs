@@ -87,7 +87,7 @@ fn cells_that_are_no_numbers_are_reported_with_file_line_and_column_all_at_once(
     logs[1] = logs[1].replace("s1", "s0");
     logs[2] = logs[2].replace("\n180,", "\nnoon,");
     let reported = refused(2, &logs, &choice());
-    says(&reported, &["day0.csv, line 7, column s0: `oops", "is no number; leave the cell empty"]);
+    says(&reported, &["day0.csv, line 7, column s0: `oops", "is not a number; leave the cell empty"]);
     says(&reported, &["day1.csv, line 1: the column s0 occurs twice"]);
     says(&reported, &["day2.csv, line 5, column time: `noon` is not a time"]);
 }

@@ -41,7 +41,7 @@ pub(super) fn rounds(dataset: &Dataset) -> Result<Vec<Round>, BadLog> {
         let place = dataset.column(name);
         if place.is_none() {
             let names = dataset.names().join(", ");
-            wrong.push(format!("there is no column `{name}` {what}; columns of numbers are {names}"));
+            wrong.push(format!("there is no column `{name}` {what}; the columns with numbers are {names}"));
         }
         place
     };

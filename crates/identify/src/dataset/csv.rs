@@ -157,7 +157,10 @@ pub(super) fn check_header(names: &[String]) -> Result<(), String> {
         return Err("the log is empty: its first line must contain the names of the columns".to_owned());
     }
     if names.len() > MOST_COLUMNS {
-        return Err(format!("{} columns: at most {MOST_COLUMNS} are read; leave columns out", names.len()));
+        return Err(format!(
+            "{} columns: at most {MOST_COLUMNS} are allowed; leave columns out",
+            names.len()
+        ));
     }
     let mut seen = std::collections::HashSet::new();
     match names.iter().find(|name| !name.is_empty() && !seen.insert(name.as_str())) {

@@ -12,7 +12,7 @@ impl BadLog {
     }
 }
 
-/// Reason why a column cannot be used.
+/// Column that cannot be used, with the reason.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Refusal {
     /// Name of the column.

@@ -74,7 +74,7 @@ pub struct TimeLayout {
 /// Explanation of one column of a log.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct ExplainedColumn {
-    /// Name without the unit.
+    /// Name of the column without its unit.
     pub name: String,
     /// Unit in the header or in the cells of the column; `None` if the log states no unit.
     pub unit: Option<String>,
@@ -87,7 +87,7 @@ pub struct ExplainedColumn {
 /// Row of a log, as the program reads it.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct ExplainedRow {
-    /// Number of the line or row in the file.
+    /// Number of the row in the file, counted from one: its line in a CSV file.
     pub line: u64,
     /// Time of the row, in the form in which the program reads it.
     pub time: String,
@@ -332,7 +332,7 @@ mod tests {
     fn errors_are_part_of_the_explanation() {
         let found = explained(b"time,bed,state\n0,20,1\n60,21,idle\n");
         assert_eq!(found.errors.len(), 1, "{found}");
-        assert!(found.errors[0].contains("line 3, column state: `idle` is no number"), "{found}");
+        assert!(found.errors[0].contains("line 3, column state: `idle` is not a number"), "{found}");
         assert_eq!(found.rows[1].time, "60 s");
         let found = explained(b"when,bed\n0,20\n");
         assert!(found.time.is_none() && found.errors[0].contains("there is no column time"), "{found}");

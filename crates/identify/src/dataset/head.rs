@@ -26,9 +26,9 @@ pub(super) struct Head {
 }
 
 impl Head {
-    /// Returns the names of the columns. If no column has the name of a time column, but the first name is empty and
-    /// the cells below it are dates with times, the first column becomes the time column. The library pandas writes an
-    /// index without a name in this way.
+    /// Returns the names of the columns. If no column has the name of a time column, the first column can become the
+    /// time column. This requires that its name is empty, and that its cells are dates with times. The library pandas
+    /// writes an index without a name in this way.
     pub(super) fn with_time(&self, mut names: Vec<String>, separator: u8) -> Vec<String> {
         let is_index = || {
             let row = self.rows.iter().find(|line| !line.trim().is_empty());

@@ -46,7 +46,7 @@ pub(super) struct Tested<'a> {
     pub(super) kind: Kind,
     pub(super) times: &'a [Moment],
     pub(super) values: &'a [f64],
-    /// Conversion that produced the values from the cells of the log.
+    /// Conversion by which the values were calculated from the cells of the log, for example from °F to °C.
     pub(super) conversion: Conversion,
     /// Function that returns whether the machine moved between two rows. A displacement may jump during a movement.
     pub(super) moved: &'a dyn Fn(usize, usize) -> bool,
@@ -140,7 +140,7 @@ fn stands_apart(value: f64, before: Option<f64>, after: Option<f64>, least: f64)
 }
 
 /// Returns the smallest step between neighbouring good rows, which is the resolution of the column, and the usual step.
-/// 90 % of the steps are not larger than the usual step. Both are 0 if the values never change.
+/// The usual step is the 90th percentile of the steps. Both are 0 if the values never change.
 fn steps(values: &[f64], good: &[usize]) -> (f64, f64) {
     let mut steps: Vec<f64> = good.windows(2).map(|pair| (values[pair[1]] - values[pair[0]]).abs()).collect();
     steps.sort_by(f64::total_cmp);
@@ -363,7 +363,7 @@ fn remark(
         }
     };
     format!(
-        "{}, {} {}, column {name}: `{value}` is no measured value{more}",
+        "{}, {} {}, column {name}: `{value}` is not a measured value{more}",
         table.file.display(),
         table.row,
         table.lines.of(first)

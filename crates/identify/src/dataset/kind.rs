@@ -20,7 +20,7 @@ pub enum Kind {
     Compensation,
     /// Log column that contains only 0 and 1.
     Switch,
-    /// Log column of numbers of no other kind.
+    /// Any other log column of numbers.
     Other,
 }
 

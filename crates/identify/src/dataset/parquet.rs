@@ -59,7 +59,7 @@ fn from_file(path: &Path, file: File, split: &Split, uses: Uses<'_>) -> Result<T
     let columns = reader.metadata().file_metadata().schema_descr().columns().to_vec();
     if columns.len() > MOST_COLUMNS {
         return Err(refused(format!(
-            "{} columns: at most {MOST_COLUMNS} are read; leave columns out",
+            "{} columns: at most {MOST_COLUMNS} are allowed; leave columns out",
             columns.len()
         )));
     }

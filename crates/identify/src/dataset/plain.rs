@@ -26,8 +26,8 @@ pub struct PlainLog {
     pub is_csv: bool,
     /// Cells of the first rows.
     pub first_rows: Vec<Vec<String>>,
-    /// Two numbers of lines of the file that `input` does not contain: the lines before the column names, and the lines
-    /// between the column names and the first row.
+    /// Numbers of lines of the file that are not in `input`: lines before the column names, and lines between the
+    /// column names and the first row.
     pub left_out: [u64; 2],
     /// Implausible values (not measured by the sensor) in the columns `split.displacements`. If the file is not CSV,
     /// these values are empty cells in `input`, and the list of lines is empty.
@@ -275,7 +275,8 @@ mod tests {
         assert!(said.contains("more than 5 % of the values"), "{said}");
         let said = found_in(|row| (row == 40).then_some("hot")).unwrap().remarks.join("; ");
         assert!(
-            said.contains("was not searched for implausible values") && said.contains("`hot` is no number"),
+            said.contains("was not searched for implausible values")
+                && said.contains("`hot` is not a number"),
             "{said}"
         );
     }

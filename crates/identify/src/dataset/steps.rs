@@ -22,8 +22,8 @@ pub(super) fn is_count(time: Moment) -> bool {
 }
 
 /// Returns the usual step between times without a unit if the times may be milliseconds; `None` if they are seconds.
-/// They may be milliseconds if the step is more than two hours, if all steps are multiples of 1000, or if a logger's
-/// step is above 950 and not usual.
+/// They may be milliseconds in three cases: the step is more than two hours, all steps are multiples of 1000, or the
+/// step of a logger is above 950 and not usual.
 fn step_in_question(times: &[f64]) -> Option<f64> {
     if times.len() < 3 || times[0] >= FIRST_DATE {
         return None;

@@ -285,8 +285,8 @@ impl Reader {
         self.time.date
     }
 
-    /// Detects two properties of the file from `rows`, which are read later: the order of day and month, and whether a
-    /// mark before three digits is a decimal mark.
+    /// Detects the order of day and month, and whether a mark before three digits is a decimal mark. Both are detected
+    /// from `rows`, which are read again later.
     pub(super) fn learn<'a>(&mut self, rows: impl Iterator<Item = Vec<&'a str>> + Clone) {
         let dated = self.time.date.unwrap_or(self.time.time);
         for cells in rows.clone() {
@@ -532,7 +532,7 @@ impl Reader {
                     Some(row) => {
                         let (line, word) = (self.table.lines.of(row), self.table.word(name, row));
                         format!(
-                            "{} {line}: `{word}` is no measured value, and no {} has one",
+                            "{} {line}: `{word}` is not a measured value, and no {} has a value",
                             self.row, self.row
                         )
                     }
@@ -545,7 +545,7 @@ impl Reader {
         };
         if !column.has_numbers {
             if column.words.is_none() && !column.is_over {
-                let why = format!("{} {line}: `{text}` is no number", self.row);
+                let why = format!("{} {line}: `{text}` is not a number", self.row);
                 let list = if column.is_used { &mut self.table.lost } else { &mut self.table.texts };
                 list.push((name.to_owned(), why));
             }
@@ -554,7 +554,7 @@ impl Reader {
         if !column.is_used {
             return Cells::Unread(column.numbers);
         }
-        let hint = format!("`{text}` is no number; leave the cell empty if the value is missing");
+        let hint = format!("`{text}` is not a number; leave the cell empty if the value is missing");
         self.refuse(line, Some(name), hint);
         Cells::Numbers(column.numbers)
     }

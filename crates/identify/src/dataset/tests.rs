@@ -114,7 +114,7 @@ fn of_a_column_that_nobody_uses_its_name_is_known_and_no_mistake_in_it_is_told()
     assert_eq!(found.runs[0].values, [vec![20.0, 21.0], vec![0.0, 0.0]].map(Series::from));
     assert_eq!(found.names(), ["bed", "z_cz_um", "door", "spare_c", "level", "wrong"]);
     let said = read(log, &Split::default()).unwrap_err().to_string();
-    assert!(said.contains("line 3, column wrong: `broken` is no number"), "{said}");
+    assert!(said.contains("line 3, column wrong: `broken` is not a number"), "{said}");
 }
 
 #[test]
@@ -214,8 +214,9 @@ fn values_that_no_sensor_measured_are_left_out_with_file_line_and_value() {
         let values = found.runs[0].values[0].to_vec();
         assert!(values[40].is_nan() && values[41].is_nan() && values[42].is_finite(), "{word}");
         let remark = found.remarks.join("; ");
-        let expected =
-            format!("day.csv, line 42, column z_error_um: `{shown}` is no measured value, also in line 43");
+        let expected = format!(
+            "day.csv, line 42, column z_error_um: `{shown}` is not a measured value, also in line 43"
+        );
         assert!(remark.contains(&expected), "{remark}");
         assert!(found.implausible.is_empty(), "{:?}", found.implausible);
     }
@@ -239,7 +240,7 @@ fn words_for_missing_values_are_named_and_any_number_of_them_is_a_gap() {
         assert!(values[5].is_nan() && values[6].is_finite() && values[95].is_nan(), "{word}");
         assert!(found.implausible.is_empty(), "{:?}", found.implausible);
         let expected = format!(
-            "day.csv, line 7, column z_error_um: `{word}` is no measured value, also in line 17, 27, 37, 47, 57 and 4 more: \
+            "day.csv, line 7, column z_error_um: `{word}` is not a measured value, also in line 17, 27, 37, 47, 57 and 4 more: \
              left out"
         );
         assert_eq!(found.remarks, [expected]);
@@ -280,7 +281,10 @@ fn the_remark_about_a_run_has_the_first_word_of_that_run() {
 #[test]
 fn a_column_of_messages_only_is_named_with_the_first_of_them() {
     let found = read("time,bed,air\n0,,20\n60,OL,21\n", &Split::default()).unwrap();
-    assert_eq!(found.lost[0].message, "day.csv, line 3: `OL` is no measured value, and no line has one");
+    assert_eq!(
+        found.lost[0].message,
+        "day.csv, line 3: `OL` is not a measured value, and no line has a value"
+    );
 }
 
 #[test]
@@ -305,9 +309,9 @@ fn a_column_without_numbers_is_named_with_its_first_cell() {
     let found = read("time,bed,air\n0,cold,20\n60,warm,21\n", &Split::default()).unwrap();
     assert_eq!(found.lost.len(), 1);
     assert_eq!(found.lost[0].column, "bed");
-    assert_eq!(found.lost[0].message, "day.csv, line 2: `cold` is no number");
+    assert_eq!(found.lost[0].message, "day.csv, line 2: `cold` is not a number");
     assert!(
-        found.remarks.join("; ").contains("bed (day.csv, line 2: `cold` is no number)"),
+        found.remarks.join("; ").contains("bed (day.csv, line 2: `cold` is not a number)"),
         "{:?}",
         found.remarks
     );
@@ -322,7 +326,7 @@ fn each_column_that_is_not_used_is_listed_with_the_reason() {
     assert_eq!(names, ["humidity", "spare_c", "part"]);
     assert!(unused[0].why.contains("its unit, name and values do not show"), "{unused:?}");
     assert_eq!(unused[1].why, "temperature, but this command did not select it");
-    assert_eq!(unused[2].why, "day.csv, line 2: `A` is no number");
+    assert_eq!(unused[2].why, "day.csv, line 2: `A` is not a number");
 }
 
 #[test]

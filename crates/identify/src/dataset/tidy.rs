@@ -247,7 +247,7 @@ mod tests {
             ("time,sensor,value\n0,bed,20\n0,bed,21\n", "line 3: bed has a second value at the time 0"),
             ("time,sensor,value\n0,bed,20,5\n", "line 2: this row has 4 cells, but there are 3 column names"),
             ("time,sensor,value\n0,bed,20\n60,,21\n", "line 3: the name of the sensor is missing"),
-            ("time,sensor,value\n0,bed,20\n60,bed,oops\n", "line 3, column bed: `oops` is no number"),
+            ("time,sensor,value\n0,bed,20\n60,bed,oops\n", "line 3, column bed: `oops` is not a number"),
             ("time,sensor,value\nnoon,bed,20\n", "line 2, column time: `noon` is not a time"),
             ("time,sensor,value\n", "there are no rows under the header"),
         ] {

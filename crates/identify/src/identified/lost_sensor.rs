@@ -1,5 +1,5 @@
-//! Replacement of a lost sensor (failed or frozen): a virtual sensor, which predicts its reading from the other
-//! sensors, or a fallback model, which does not need the sensor.
+//! Replacement of a lost sensor (failed or frozen). A virtual sensor predicts its reading from the other sensors. A
+//! fallback model is a model that does not need the sensor.
 
 use serde::Serialize;
 

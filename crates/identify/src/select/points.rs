@@ -64,8 +64,8 @@ pub fn points<'a>(dataset: &'a Dataset, choice: &Choice) -> Result<Pointed<'a>, 
         let left_out =
             if left_out.is_empty() { String::new() } else { format!(" ({} left out)", left_out.join("; ")) };
         return Err(BadLog(vec![format!(
-            "{} temperature points are left{left_out}: there is nothing to choose from; name columns with --inputs, or \
-             keep a point with --keep",
+            "only {} of the temperature points can be used{left_out}, but a selection needs at least two. \
+             Name more columns with --inputs, or use a faulty point nevertheless with --keep",
             good.len()
         )]));
     }

@@ -177,7 +177,7 @@ fn wrong_choices_are_reported_all_at_once_with_what_to_do() {
     assert!(reported.contains("`bering`; did you mean `bearing`?"), "{reported}");
     let reported = said(&Choice { inputs: vec!["oil".to_owned()], ..choice() });
     assert!(
-        reported.contains("1 temperature points are left") && reported.contains("--inputs"),
+        reported.contains("only 1 of the temperature points can be used") && reported.contains("--inputs"),
         "{reported}"
     );
     let mut one = week.clone();

@@ -147,7 +147,7 @@ fn view(matrix: &DMatrix<f64>) -> MatRef<'_, f64> {
 /// short series gives exp(r).
 #[inline]
 pub(super) fn tanh(x: f64) -> f64 {
-    /// Argument above which the result is 1.
+    /// Argument of tanh above which the result is 1.
     const FLAT: f64 = 20.0;
     /// Constant for rounding: the sum of this constant and a small number contains the small number in its last bits,
     /// rounded to an integer.
