@@ -95,7 +95,7 @@ fn legacy(sample: &[u8]) -> &'static Encoding {
 }
 
 /// Replaces single unit signs (`°`, `µ`) between ASCII characters by blanks. If the result is pure ASCII, the text is
-/// in cp1252.
+/// treated as cp1252.
 ///
 /// The crate chardetng assumes that bytes outside ASCII are letters of words. In most logs, the only such bytes are `°`
 /// and `µ`. chardetng detects `Temp_°C;Weg_µm` as Big5, because the bytes of `°C` and `µm` are also characters of Big5.

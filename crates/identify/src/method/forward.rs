@@ -33,7 +33,8 @@ struct ColumnEffect {
     /// held-out runs.
     own: f64,
     held_own: f64,
-    /// For each other column: multiple of the rest of the chosen column that was subtracted from its rest.
+    /// For each other column: multiple of the rest of the chosen column that was subtracted from the rest of the other
+    /// column.
     shares: DVector<f64>,
     /// For each other column: product of its rest and the rest of the chosen column in the held-out runs, before the
     /// subtraction.

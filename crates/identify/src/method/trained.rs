@@ -1,10 +1,10 @@
 //! Common part of the network methods `rbf` and `network` (after Ren et al., Chen and Wang).
 //!
 //! The two methods use each input directly and through a few lags, as the gateway calculates them. If all rises (values
-//! minus references) are zero, the output of the network is zero, as with the linear methods. The size and length of
-//! the training are chosen on runs that are held out of the training runs, never on the run of the final validation.
-//! The criterion is the residual minus its mean in the run, because the range of the error in a run is the most
-//! important result.
+//! minus references) are zero, the output of the network is zero, as with the linear methods. The smoothness of the
+//! network (its penalty and width, or the number of training rounds) is chosen on runs that are held out of the
+//! training runs, never on the run of the final validation. The criterion is the residual minus its mean in the run,
+//! because the range of the error in a run is the most important result.
 //!
 //! If rows are averaged, the training uses means of rises. A gateway with a shorter period applies the network to each
 //! single rise. The results of a non-linear network then differ a little, by much less than the noise of a probe.

@@ -34,8 +34,7 @@ impl Net<'_> {
         self.scaled.cross.amax()
     }
 
-    /// Returns the gains at this L1 penalty. Calls must have decreasing penalties, because the search starts from the
-    /// gains of the previous call.
+    /// Returns the gains at this L1 penalty. The search starts from the gains of the previous call.
     pub(crate) fn at(&mut self, l1: f64) -> &DVector<f64> {
         let size = self.gains.len();
         // Each round reduces the cost. The bound is a safeguard.

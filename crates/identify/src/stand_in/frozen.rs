@@ -43,7 +43,8 @@ pub struct Frozen {
     pub range: (f64, f64),
     /// Range of the residual error that would result if the freeze were not detected, µm.
     pub range_unnoticed: f64,
-    /// Whether the sensor was reported as frozen in this run before the simulated freeze, while it was good.
+    /// Whether the sensor would be reported as frozen somewhere in this run without the simulated freeze, although it
+    /// is good.
     pub false_alarm: bool,
 }
 
