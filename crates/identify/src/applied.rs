@@ -147,7 +147,7 @@ fn take_out(dataset: &mut Dataset, error: usize, column: usize) -> Option<(f64, 
 }
 
 /// Removes the Cz that was active during the measurement from the error, and adds a remark about it. `axis` is the axis
-/// of the error, if known. `moves` is the result of `Applied::moves_the_machine`.
+/// of the error, if known. `moves` is the result of `moves_the_machine`.
 ///
 /// # Errors
 /// The Cz cannot be determined. The message names the option that specifies it.
