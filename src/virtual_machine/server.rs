@@ -373,7 +373,7 @@ mod tests {
             strangers
                 .came(peer)
                 .unwrap()
-                .starts_with("closed a connection of 127.0.0.1:40000: this is no Modbus")
+                .starts_with("closed a connection of 127.0.0.1:40000: this is not Modbus")
         );
         assert!((0..100_000).all(|_| strangers.came(peer).is_none()));
         seconds.store(1059, Ordering::Relaxed);

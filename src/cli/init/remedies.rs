@@ -77,7 +77,7 @@ mod tests {
         ] {
             let said = only(Some(reason));
             assert!(said.contains(words), "{reason:?}: {said}");
-            assert_eq!(said.contains("lines of these signals"), reason == Reason::OutOfRange);
+            assert_eq!(said.contains("tables of these signals"), reason == Reason::OutOfRange);
         }
         let several = [
             signal("bed", "module", Some(Reason::NotAsExpected)),

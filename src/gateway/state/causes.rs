@@ -199,7 +199,7 @@ fn lacking(
     match lacks {
         Unusable::Signal(id) => bad(id),
         Unusable::Reference(id) if !has_run => Explained::new(
-            format!("no machine start was detected yet, and {} is measured from machine start", name(id)),
+            format!("no machine start detected yet, and {} is measured from machine start", name(id)),
             RUN_IT,
         ),
         Unusable::Reference(id) => Explained::new(
@@ -215,7 +215,7 @@ fn lacking(
             name(id)
         )
         .into(),
-        Unusable::MachineOff => Explained::new("no machine start was detected yet", RUN_IT),
+        Unusable::MachineOff => Explained::new("no machine start detected yet", RUN_IT),
         Unusable::NotANumber => Explained::new(
             "the model's result is invalid",
             "check the coefficients of the model and the values of its signals",

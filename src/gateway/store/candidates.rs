@@ -137,8 +137,8 @@ mod tests {
         let text = std::fs::read_to_string(&path).unwrap();
         for (from, to, words) in [
             ("\"runs\":5", "\"runs\":6", "checksum is wrong"),
-            ("\"version\":1", "\"version\":2", "no candidate of version 1"),
-            ("isotherm-candidate", "isotherm-products", "no candidate"),
+            ("\"version\":1", "\"version\":2", "not a candidate of a model in version 1"),
+            ("isotherm-candidate", "isotherm-products", "not a candidate"),
             ("{\"format\"", "{\"forma\"", "the file is not a candidate of a model"),
         ] {
             assert!(text.contains(from), "{text}");
