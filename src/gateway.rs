@@ -70,15 +70,16 @@ pub use store::{backup, candidates, log, templates};
 /// Reason shown for an axis that stays off because the saved state was rejected, or was restored from a backup.
 const IN_QUESTION: &str = "the saved state was rejected (see the events) or was restored from a backup, and \
                            the operator has not armed since";
-/// Maximum time that the end of a run waits until the state is on disk.
+/// Maximum time for which the gateway waits at its end until the saved state is on disk.
 const LAST_PATIENCE: Duration = Duration::from_secs(5);
 
 /// Interval of the messages to the service manager (systemd) about the remaining time of a stop.
 const TOLD_EVERY: Duration = Duration::from_secs(1);
-/// Interval of the checks whether all fault actions have ended, during a stop with fault actions.
+/// Interval of the checks whether all axes have completed their fault actions (`on_fault` in the profile). The
+/// gateway makes these checks when it stops with fault actions.
 const ENDED_EVERY: Duration = Duration::from_millis(100);
-/// Interval of the checks whether all exchanges have ended, during a stop without fault actions. The interval is
-/// short, because no axis is corrected during such a stop.
+/// Interval of the checks whether all exchanges with registers have ended, when the gateway stops without fault
+/// actions. The interval is short, because no axis is corrected during such a stop.
 const SETTLED_EVERY: Duration = Duration::from_millis(5);
 
 /// Maximum number of events from before the start that the gateway still shows.
@@ -92,17 +93,18 @@ pub struct Gateway {
     wire_log: WireLog,
 }
 
-/// Result of a run of the gateway, returned after its end.
+/// Result of a run of the gateway, from [`Gateway::run`].
 #[derive(Clone, Debug, PartialEq)]
 pub struct Outcome {
-    /// Whether a task failed. The events contain the cause.
+    /// Whether a task of the gateway failed. The events contain the cause.
     pub failed: bool,
-    /// Whether all fault actions ended within their time limit. Also true if the stop has no fault actions.
+    /// Whether all axes completed their fault actions within the time limit. Also true if the gateway stopped without
+    /// fault actions.
     pub rested: bool,
     /// Sentence about the values that stay in the registers after the run.
     pub left: String,
-    /// State for the program that replaces this gateway; `None` if the run ended for another reason. A replacement
-    /// moves no axis.
+    /// State for the program that replaces this gateway. `None` if the run ended for another reason than a
+    /// replacement. The registers keep their values during a replacement.
     pub handover: Option<Handover>,
 }
 
@@ -263,8 +265,8 @@ impl Gateway {
         Outcome { failed, rested, left, handover }
     }
 
-    /// Stores state, register ledger, logs and events on disk. Returns a sentence about the values that stay in the
-    /// registers, and whether a task failed.
+    /// Stores saved state, register ledger (record of the values written to the registers), logs and events on disk.
+    /// Returns a sentence about the values that stay in the registers, and whether a task failed.
     async fn keep(&self) -> (String, bool) {
         let left = shutdown::what_is_left(&self.shared);
         self.shared.report(&Event::Stopped { left: left.clone() });
@@ -296,14 +298,15 @@ impl Gateway {
         }
     }
 
-    /// Records that a task failed. Returns a stop with fault actions, even if the profile sets that the registers
-    /// keep their values at a stop.
+    /// Records that a task failed. Returns [`OnStop::FaultAction`]: the axes run their fault actions, even if the
+    /// profile sets that the registers keep their values at a stop.
     fn failed(&self) -> Option<OnStop> {
         self.shared.core().failed = true;
         Some(OnStop::FaultAction)
     }
 
-    /// Stops the axes, with or without fault actions. Returns whether the fault actions ended in time.
+    /// Stops the axes, with or without fault actions. Returns whether the fault actions ended in time; `true` without
+    /// fault actions.
     async fn stop(&self, how: OnStop) -> bool {
         let within = shutdown::begin_stop(&self.shared, how);
         let holds = how == OnStop::Hold;
@@ -330,8 +333,8 @@ impl Gateway {
         self.settled(within).await;
     }
 
-    /// Waits until no exchange with a register is running, at most for `within`. A timeout is not an error, because
-    /// the next run waits for the late writes.
+    /// Waits until no exchange with a register is running, at most for `within`. A timeout is not an error: the next
+    /// run waits until the writes of this run can no longer arrive.
     async fn settled(&self, within: Duration) {
         let _ = self.wait_until((within, SETTLED_EVERY), shutdown::has_settled).await;
     }
@@ -454,8 +457,8 @@ impl Gateway {
         }
     }
 
-    /// Closes the connections to OPC UA servers, because a server may allow only a few clients. A server that does not
-    /// answer delays the end only by its timeout.
+    /// Closes the connections to OPC UA servers, because a server may allow only a few clients. The function waits
+    /// for a server that does not answer, but only until the requests time out.
     async fn take_leave(&self, tasks: &mut JoinSet<()>, lines: &HashMap<Id, BusId>) {
         let kept = |bus: BusId| {
             let bus = self.shared.profile.bus(bus);

@@ -19,8 +19,8 @@ use tokio_rustls::rustls::pki_types::ServerName;
 
 use crate::tls::TlsFault;
 
-/// Maximum time for connecting to each address of a host name except the last. For the last address, only the time
-/// limit of the caller applies.
+/// Time limit for connecting to one address of a host name. The limit does not apply to the last address, for which
+/// only the time limit of the caller applies.
 const EACH: Duration = Duration::from_secs(3);
 
 /// Reason why a connection could not be opened.
@@ -32,7 +32,7 @@ pub enum ConnectError {
     /// The host cannot be reached.
     #[error("the host cannot be reached: {0}")]
     Unreachable(io::Error),
-    /// No certificate can contain the name of the host.
+    /// The name of the host has a form that no certificate can contain.
     #[error("a certificate cannot contain the host name")]
     UnfitName,
     /// The TLS handshake failed.
@@ -83,12 +83,12 @@ pub async fn secure<S: AsyncRead + AsyncWrite + Unpin>(
     })
 }
 
-/// Byte stream to a server and back.
+/// Byte stream to a server and back, with or without TLS.
 pub trait Stream: AsyncRead + AsyncWrite + Send + Sync + Unpin {}
 
 impl<T: AsyncRead + AsyncWrite + Send + Sync + Unpin> Stream for T {}
 
-/// Server with a host name or an IP address.
+/// Server to which the gateway connects, with a host name or an IP address.
 pub struct Host {
     name: String,
     port: u16,

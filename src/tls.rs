@@ -40,13 +40,13 @@ pub enum TlsFault {
     /// The other end does not support TLS.
     #[error("the program at this port does not speak TLS")]
     NoTls,
-    /// The other end closed the connection during the handshake, without a reason.
+    /// The other end closed the connection during the handshake, and gave no reason.
     #[error("the connection was closed in the middle of the TLS handshake")]
     Silent,
     /// The other end closed the connection after the handshake, before its first answer.
     #[error("the connection was closed before the first answer")]
     TurnedAway,
-    /// The other end ended the handshake for another reason.
+    /// The other end ended the handshake for a reason that none of the other causes describes.
     #[error("the other end has ended the TLS handshake")]
     Refused,
     /// The gateway's own TLS files, whose paths are in the profile, are unusable.

@@ -35,7 +35,7 @@ struct Claim {
     /// Random number: if two gateways start at the same moment, the lower one continues.
     order: u32,
     machine: String,
-    /// State directory of the gateway that makes the claim.
+    /// State directory of the gateway that publishes the claim.
     state: PathBuf,
     /// Whether the claim is valid: the gateway has compared its claim with the claims of the other gateways, and may
     /// write.
@@ -70,7 +70,7 @@ impl Claim {
         }
     }
 
-    /// Returns the canonical names of all buses of the claim.
+    /// Returns the canonical names of all bus addresses of the claim.
     fn names(&self) -> BTreeSet<&str> {
         self.lines.iter().flat_map(|line| &line.names).map(String::as_str).collect()
     }

@@ -35,7 +35,7 @@ pub(super) fn of_each(buses: &[&Bus]) -> Vec<Vec<String>> {
     places.into_iter().zip(found).map(name).collect()
 }
 
-/// Returns host and port of a line; `None` if the line does not use TCP.
+/// Returns host and port of a bus line; `None` if the line does not use TCP.
 fn host_and_port(place: &LinePlace) -> Option<String> {
     if let LinePlace::Host(host) = place { Some(host.clone()) } else { None }
 }

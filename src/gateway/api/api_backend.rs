@@ -16,14 +16,14 @@ use crate::observe::status::{Answer, Command, GatewayApi, ReleaseRequest, Status
 use isotherm_core::compensation::MeasuredReport;
 use isotherm_core::quantity::{Moment, time};
 
-/// Implementation of the interface for the web page, the API and the command socket. One handle reads the state, the
-/// other handle carries out commands.
+/// Implementation of the interface for the web page, the API and the command socket. The field `page` reads the
+/// state, and the field `commands` carries out commands.
 pub(in crate::gateway) struct ApiBackend {
     page: PageHandle,
     commands: CommandHandle,
 }
 
-/// Handle of the web page, which only reads the state.
+/// Handle that reads the state of the gateway for the web page. It carries out no commands.
 struct PageHandle {
     shared: Arc<Shared>,
     /// Directory in which the events are stored; `None` if they are not stored.

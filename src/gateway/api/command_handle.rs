@@ -30,8 +30,8 @@ const NO_ZERO: &str = "nothing is captured: no model and no datum of the chosen 
 /// Handle that carries out commands on the shared state.
 pub(super) struct CommandHandle(pub(super) Arc<Shared>);
 
-/// Returns the axes of a command as subjects of the rate limit. A command for an unknown axis has the subject
-/// [`RateSubject::Nothing`].
+/// Converts the chosen axes of a command to subjects of the rate limit (one command per second for each axis). If the
+/// axis is unknown, the subject is [`RateSubject::Nothing`].
 fn about<E>(axes: Result<&[usize], E>) -> Vec<RateSubject> {
     let each = |axes: &[usize]| axes.iter().map(|axis| RateSubject::Axis(*axis)).collect();
     axes.map_or_else(|_| vec![RateSubject::Nothing], each)
@@ -134,7 +134,8 @@ impl CommandHandle {
         })
     }
 
-    /// Returns whether the command ends the armed state, a request to arm, or a sign check of one of these axes.
+    /// Returns whether the command has an effect on one of these axes: `disarm` on an armed or waiting axis, `cancel`
+    /// on a request to arm or a sign check. Any other command gives `false`.
     fn withdraws(&self, command: Command, axes: &[usize]) -> bool {
         let core = self.0.core();
         let does = |axis: &usize| {
@@ -152,8 +153,8 @@ impl CommandHandle {
         PresentTime { machine: self.0.clock.now(), passed: BootClock::default().passed() }
     }
 
-    /// Applies the rate limit to a command. The error is the answer to the sender if the gateway accepted the command
-    /// for one of these axes less than a second ago.
+    /// Applies the rate limit to a command. If the gateway accepted the same command for one of these axes less than
+    /// a second ago, the error is the answer to the sender.
     fn takes(&self, verb: &'static str, about: &[RateSubject]) -> Result<(), Answer> {
         if self.0.rates().take(verb, about, self.now()) {
             return Ok(());
@@ -248,8 +249,8 @@ impl CommandHandle {
         self.progress(&core, axis)
     }
 
-    /// Returns the indices of the chosen axes that have a model, and the names of the chosen axes without a model.
-    /// The error explains why none of the axes can be armed.
+    /// Returns the indices of the chosen axes that have a model, and the names of the chosen axes without a model. If
+    /// no axis can be armed, the error explains why.
     fn armable(&self, axis: Option<&str>) -> Result<(Vec<usize>, Vec<&str>), Explained> {
         let profile = &self.0.profile;
         let (armable, unmodelled): (Vec<usize>, Vec<usize>) =

@@ -74,7 +74,8 @@ pub use user::forbidden;
 
 /// Maximum time that a client without `stay` waits for the result of `arm`.
 const ARMING: Duration = Duration::from_secs(3);
-/// Delay after which a client receives `waits …` with the reason why its request is not carried out yet.
+/// Delay after which a client with `stay` receives `waits …` with the reason why the gateway has not carried out the
+/// request yet.
 const SHORTLY: Duration = Duration::from_millis(500);
 const LOOK_AGAIN: Duration = Duration::from_millis(50);
 /// Interval of the `still` lines to a client that waits with `stay`.
@@ -89,7 +90,7 @@ const TOO_MANY: &str = "error too many clients wait or listen here: end one of t
 /// First words of the answer to an unknown line. All versions of isotherm use them, so that clients recognise them.
 const UNKNOWN: &str = "this socket understands";
 
-/// Command that only reads the state.
+/// Text of the command that reads the state of the gateway and changes nothing.
 const STATUS: &str = "status";
 
 /// Maximum duration of a trace.
@@ -159,7 +160,8 @@ struct ControlContext {
     wire_log: WireLog,
     successor: Option<Successor>,
     attendance: ServiceTimes,
-    /// Permits for clients that wait with `stay`, trace a device, or restart the gateway.
+    /// Permits for clients that wait with `stay`, trace a device, or restart the gateway. The number of permits is
+    /// half the limit of connections.
     stays: Arc<Semaphore>,
 }
 
@@ -274,8 +276,8 @@ fn said_in_a_line(word: &str, text: &str) -> String {
     format!("{word} {}\n", one_line(text))
 }
 
-/// Sends the result of arming or of a sign check to the client. A client with `stay` first receives the conditions
-/// that are not met yet.
+/// Sends the result of arming or of a sign check to the client. If the request contains `stay`, the client first
+/// receives the conditions that are not met yet.
 async fn follow(
     source: &dyn GatewayApi,
     line: &Line<'_>,
@@ -323,12 +325,12 @@ async fn wait_for_answer(source: &dyn GatewayApi, line: &Line<'_>) {
     }
 }
 
-/// Parsed line of text that a client has sent.
+/// Parsed command line of a client: the command and its further words.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Line<'a> {
     what: ParsedCommand<'a>,
     axis: Option<&'a str>,
-    /// Time and identification of a measurement, as text.
+    /// Time and identification (`time=` and `id=`) of a measurement, as text.
     time: Option<&'a str>,
     id: Option<&'a str>,
     /// Deadline of the command, as time since the start of the computer. After the deadline, the command is not carried

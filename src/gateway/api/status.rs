@@ -33,6 +33,7 @@ use isotherm_core::quantity::{Micron, Moment};
 use isotherm_core::reading::{Quality, Reading, Reason, SignalId};
 use isotherm_profile::{Axis, DeviceId, Purpose};
 
+/// Copy of the shared state at one time, from which the status is derived.
 struct StatusSnapshot {
     now: Moment,
     /// Time since the machine was switched on; `None` until a signal has shown that the machine runs.
@@ -155,7 +156,7 @@ pub(super) fn status(shared: &Shared) -> Status {
 }
 
 /// Returns the names of the alarms that are listed as active although their cause is over, according to the status.
-/// The end of these alarms has no event.
+/// Events do not report the end of these alarms.
 fn ended(status: &Status) -> HashSet<String> {
     let calm = status.axes.iter().filter(|axis| !axis.warned);
     let good = status.signals.iter().filter(|signal| signal.quality == "good");

@@ -20,7 +20,7 @@ const PREFIX: &str = "isotherm/1/";
 const MANY: &str = "*";
 const MOST_HASHES: usize = 9;
 const HASH: usize = 8;
-/// Flag that marks a listening socket in the kernel's list of sockets.
+/// Flag in the kernel's list of sockets: the socket accepts connections.
 const ACCEPTS: u32 = 0x1_0000;
 /// Maximum wait for the claim of another gateway. A separate thread of that gateway sends the claim.
 const PATIENCE: Duration = Duration::from_secs(2);
@@ -69,7 +69,7 @@ fn send(mut stream: UnixStream, claim: &Claim) -> io::Result<()> {
 pub(super) struct Other {
     name: String,
     pub(super) process: u32,
-    /// Whether a common hash shows that both gateways use the same bus.
+    /// Whether the names of both sockets contain the hash of a common bus address.
     pub(super) shares_line: bool,
 }
 
@@ -78,7 +78,7 @@ pub(super) enum Answer {
     Claim(Claim),
     /// The gateway has ended.
     Gone,
-    /// The gateway sends no claim, or an invalid one.
+    /// The gateway sends no claim, or an invalid claim.
     Silent,
     /// The connection closed before the whole claim was received. The gateway is about to end.
     Cut,

@@ -26,7 +26,7 @@ pub use profile::{KeptProfile, answer_of_check, memory_for_profile};
 pub struct Handover {
     /// Requester of the replacement, as a phrase in a sentence, for example "by user anna".
     pub by: String,
-    /// Names of the armed axes, with their Cz.
+    /// Names of the armed axes, with the last Cz (compensation value) of each axis.
     pub armed: BTreeMap<String, Micron>,
     /// Names of the axes that were switched off, with the reason. Only an operator may arm them again.
     pub off: BTreeMap<String, String>,

@@ -31,14 +31,14 @@ use crate::observe::events::{Adoption, Event};
 use isotherm_profile::one_line;
 use isotherm_profile::safe_file::cut;
 
-/// Interval of the checks whether the child has ended.
+/// Interval of the checks whether the child process has ended.
 const CHECKED_EVERY: Duration = Duration::from_millis(500);
 /// Interval of the checks whether an operator has run `isotherm learn`, which writes new candidates (proposed
 /// models).
 const WATCHED_EVERY: Duration = Duration::from_secs(2);
-/// Maximum duration of one run of the child. After this time, the gateway kills the child.
+/// Maximum duration of one run of the child process (`isotherm learn`). After this time, the gateway kills the child.
 const LONGEST: Duration = Duration::from_secs(3600);
-/// Maximum length of the child's messages that is read, in bytes.
+/// Maximum length of the child's messages that the gateway reads, in bytes.
 const MOST_SAID: u64 = 64 * 1024;
 /// Maximum length of a message in an event, in characters.
 const SHOWN: usize = 300;
@@ -61,7 +61,7 @@ pub struct LearnTimes {
     pub first: Duration,
     /// Interval between two starts of the learning program.
     pub every: Duration,
-    /// Limit for the age of the last learning. If the age is below this limit at the first check, the gateway does
+    /// Limit for the age of the last learning. If the last learning is younger at the first check, the gateway does
     /// not start the learning program.
     pub recent: Duration,
 }
@@ -250,8 +250,8 @@ impl Work {
         }
     }
 
-    /// Waits until the child has ended, and returns its exit status. An error means that the child runs for too long,
-    /// or that the gateway stops.
+    /// Waits until the child process has ended, and returns its exit status. An error means that the child runs for
+    /// too long, or that the gateway stops.
     fn ended(&self, child: &mut Child) -> Result<ExitStatus, LearnFailure> {
         let mut waited = Duration::ZERO;
         loop {

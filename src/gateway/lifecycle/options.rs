@@ -19,7 +19,7 @@ pub type Dialer = Arc<dyn Fn(&Bus) -> Option<Box<dyn Dial>> + Send + Sync>;
 /// Settings of a gateway that are not in its profile, for example directories, threads and interfaces that tests
 /// replace.
 pub struct Options {
-    /// Whether the gateway only reads, calculates and shows values, and writes nothing to a device.
+    /// Whether this is a dry run: the gateway reads, calculates and shows values, but writes nothing to a device.
     pub dry_run: bool,
     /// Directory of state and logs; with `None`, the gateway stores nothing. The caller must then ensure that a late
     /// write of an earlier run can no longer reach a register.
@@ -32,7 +32,7 @@ pub struct Options {
     /// Whether threads write the logs and watch the bus lines. Without these threads, there is no log and no
     /// watchdog, and a simulation gives the same result in each run.
     pub has_threads: bool,
-    /// Function that creates the connections. Tests replace it.
+    /// Function that creates the connection of each bus. Tests pass a function of their own.
     pub dialer: Dialer,
     /// Maximum time without progress of the task of a bus line. After this time, the watchdog stops the gateway. With
     /// `None`, the time is calculated from the timeouts of the bus.
@@ -40,8 +40,8 @@ pub struct Options {
     /// Periods that replace all periods of polls and axes in the profile. On a test bench, they may be shorter than a
     /// profile permits.
     pub pace: Option<Pace>,
-    /// Whether the time of a reading is the time of the answer, which is wrong, instead of the time of the request.
-    /// Tests use this option to show the error that results.
+    /// Whether a reading gets the time of the answer, in place of the time of the request. The time of the answer is
+    /// wrong; tests use this option to show the resulting error.
     #[doc(hidden)]
     pub is_unchecked: bool,
     /// Figures about the messages that are published to an MQTT broker; `None` without a broker.

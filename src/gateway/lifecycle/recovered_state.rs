@@ -22,13 +22,14 @@ use isotherm_core::place::{KnownOutput, OutputPlace, Release, Stage};
 use isotherm_core::quantity::{Micron, Moment};
 use isotherm_profile::{Axis, AxisId, Profile};
 
+/// State that the previous run has left in the state directory, and the conclusions for this run.
 #[derive(Default)]
 pub(in crate::gateway) struct RecoveredState {
     pub(in crate::gateway) restored: RestoredMemory,
     /// Correction of the computer's clock; `None` if the clock has continued correctly since the end of the previous
     /// run.
     pub(in crate::gateway) correction: Option<Correction>,
-    /// Opened state document; `None` without a state directory.
+    /// State document (file with the saved state) of the previous run; `None` without a state directory.
     pub(in crate::gateway) opened: Option<Opened>,
     /// Registers and addresses of this profile, with their changes since the previous run.
     pub(in crate::gateway) places: Places,
@@ -182,8 +183,8 @@ impl RestoredMemory {
     }
 }
 
-/// Begins a run with the registers and addresses of its profile, and with the state of the previous run. `is_lost`
-/// states that a saved state exists, but was rejected.
+/// Begins a run with the registers and addresses of its profile, and with the state of the previous run. `is_lost`:
+/// whether a saved state exists, but was rejected.
 pub(in crate::gateway) fn begin(
     core: &mut GatewayState,
     (places, is_lost): (Places, bool),

@@ -34,16 +34,16 @@ pub(in crate::gateway) fn begin_stop(shared: &Shared, how: OnStop) -> Duration {
     longest.saturating_add(waits.unwrap_or_default())
 }
 
-/// Returns whether no exchange with a register is running. If the run ends now, the next run need not wait for late
-/// writes.
+/// Returns whether no exchange with a register is running. If so, the run may end, and the next run need not wait for
+/// late writes.
 pub(in crate::gateway) fn has_settled(shared: &Shared) -> bool {
     let core = shared.core();
     let waits = core.outputs.states().iter().any(|output| output.handshake.waits.is_some());
     !waits && core.registers.iter().flatten().copied().all(|mut one| one.state_mut().end().in_order)
 }
 
-/// Saves the state of each register at the end of the process: the values that may still arrive, and whether all its
-/// exchanges had ended.
+/// Saves the state of each register at the end of the process: the written values that may still arrive at the
+/// register, and whether all its exchanges had ended.
 pub(in crate::gateway) fn end_registers(shared: &Shared) {
     if shared.dry_run {
         return;

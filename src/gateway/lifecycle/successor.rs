@@ -84,7 +84,7 @@ impl Image {
     }
 }
 
-/// Result of a passed check. It is used for the handover to the program that has made the check.
+/// Result of a check that has passed. The handover to the program that has made the check uses this result.
 #[derive(Debug)]
 pub struct Checked {
     image: Option<Image>,
@@ -194,7 +194,7 @@ fn end(child: &mut Child) {
     let _ = child.kill().and_then(|()| child.wait());
 }
 
-/// Reads the output of a checking program in a separate thread, and discards the output above the limit `MOST_SAID`.
+/// Reads the output of a checking program in a separate thread. Discards the output beyond `MOST_SAID` bytes.
 fn read_aside(mut stderr: ChildStderr) -> Receiver<Vec<u8>> {
     let (sender, parts) = channel();
     std::thread::spawn(move || {
@@ -211,7 +211,7 @@ fn read_aside(mut stderr: ChildStderr) -> Receiver<Vec<u8>> {
     parts
 }
 
-/// Returns the output of a checking program that has ended.
+/// Returns the stored output of a checking program that has ended.
 fn collected(parts: Receiver<Vec<u8>>) -> String {
     let until = BootClock::default().passed() + LAST_WORDS;
     let mut said = Vec::new();
@@ -244,7 +244,7 @@ pub struct Successor {
     shared: Arc<Shared>,
     program: Program,
     socket: PathBuf,
-    /// Result of the check by the program that takes over.
+    /// Result of the check by the program that takes over; `None` until this gateway has agreed to its replacement.
     checked: Arc<Mutex<Option<Checked>>>,
 }
 

@@ -15,8 +15,8 @@ use crate::gateway::shared::shared_state::Shared;
 use isotherm_core::compensation::AxisState;
 use isotherm_profile::BusId;
 
-/// Maximum time for which the gateway reports readiness later because a bus line has not yet tried to open its
-/// connection.
+/// Maximum wait for bus lines that have not yet tried to open their connection. After this time, the gateway reports
+/// readiness without them.
 const OPENING: Duration = Duration::from_secs(10);
 /// Time that is added to the reported duration of a stop, because the last save may wait for the disk.
 const LAST_WORDS: Duration = Duration::from_secs(10);
@@ -59,20 +59,21 @@ impl Report {
     }
 }
 
-/// Reports that the gateway stops. `does` describes the stop, and `within` is its maximum duration.
+/// Reports that the gateway stops. `does` is a text about the kind of stop, and `within` is its maximum duration.
 pub(in crate::gateway) fn stopping(does: &str, within: Duration) {
     tell(&[NotifyState::Stopping, NotifyState::Status(does)]);
     takes(within);
 }
 
-/// Reports the maximum remaining time of the current operation, so that the service manager does not kill the process
-/// before.
+/// Reports the maximum remaining time of the current operation. The service manager then does not kill the process
+/// before this time.
 pub(in crate::gateway) fn takes(within: Duration) {
     let micros = within.saturating_add(LAST_WORDS).as_micros();
     tell(&[NotifyState::Custom(&format!("EXTEND_TIMEOUT_USEC={micros}"))]);
 }
 
-/// Reports that another program replaces this one in the process. The new program then reports when it is ready.
+/// Reports that another program replaces this program in the same process. The other program then reports when it is
+/// ready.
 pub(in crate::gateway) fn reloading(does: &str) {
     let mut states = vec![NotifyState::Reloading, NotifyState::Status(does)];
     states.extend(NotifyState::monotonic_usec_now());

@@ -86,7 +86,7 @@ struct LineObservation {
     turns: u64,
     /// Number of consecutive checks in which the line task has made no progress.
     looks: u32,
-    /// Maximum of `looks`; above it, the line is treated as blocked.
+    /// Maximum of `looks`. The line counts as blocked if `looks` is larger.
     most: u32,
 }
 
@@ -109,8 +109,8 @@ fn late_line(shared: &Shared, lines: &mut [LineObservation], stuck: &mut Duratio
     None
 }
 
-/// Returns the maximum time of one cycle of a bus line, if each request opens a connection and times out. All pauses
-/// are included.
+/// Returns an upper limit for the duration of one cycle of a bus line. It assumes that every request opens a
+/// connection and times out, and contains all pauses.
 fn limit(profile: &Profile, bus: BusId) -> Duration {
     let devices = profile.devices_on(bus).map(|(_, device)| device);
     let pauses = devices

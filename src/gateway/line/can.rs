@@ -31,6 +31,7 @@ pub(in crate::gateway) struct Can {
     handed: Mutex<PendingNodeReports>,
 }
 
+/// Reports about devices that the line task and the listener have not exchanged yet.
 #[derive(Debug, Default)]
 struct PendingNodeReports {
     /// Devices whose setup list (objects to write when the node starts) has been written.
@@ -64,7 +65,7 @@ impl Can {
     }
 }
 
-/// Returns the frames that the gateway writes on a CAN line, and the bits of each output in these frames.
+/// Returns the images of a CAN line: the frames that the gateway writes, and the bits of each output in these frames.
 fn images(profile: &Profile, bus: BusId) -> Images {
     let mut images = Images::default();
     for (id, device) in profile.devices_on(bus) {

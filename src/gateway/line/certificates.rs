@@ -17,7 +17,7 @@ const LOOK_EVERY: Duration = Duration::from_hours(1);
 /// Name of the gateway's OPC UA server in messages about certificates. It replaces the name of a bus.
 const SERVER: &str = "opcua_server";
 
-/// Certificates of a profile that expire within 30 days of `now`, or have expired.
+/// Returns the certificates of a profile that expire within 30 days of `now`, or have expired.
 pub fn expiring(profile: &Profile, now: Moment) -> Vec<Expiry> {
     let all = used(profile).into_iter().map(|(bus, Used { file, whose, certificate })| {
         let (bus, file) = (bus.to_owned(), file.name.clone());
@@ -27,7 +27,7 @@ pub fn expiring(profile: &Profile, now: Moment) -> Vec<Expiry> {
     soon.map(|expiry| Expiry { is_over: expiry.until < now, ..expiry }).collect()
 }
 
-/// Certificates of a profile that are not valid yet at `now`.
+/// Returns the certificates of a profile that are not valid yet at `now`.
 pub fn early(profile: &Profile, now: Moment) -> Vec<EarlyCertificate> {
     let early = used(profile).into_iter().filter(|(_, used)| used.certificate.from > now);
     let early = early.map(|(bus, Used { file, whose, certificate })| EarlyCertificate {
@@ -39,9 +39,9 @@ pub fn early(profile: &Profile, now: Moment) -> Vec<EarlyCertificate> {
     early.collect()
 }
 
-/// Returns a sentence for each certificate of a profile with a short key or a broken digest. The gateway itself uses
-/// such certificates nevertheless. Only its OPC UA server refuses a client with a short key, because its policies
-/// forbid this.
+/// Returns a sentence for each certificate of a profile with a short key or a broken digest. The gateway uses such
+/// certificates nevertheless. Only its OPC UA server refuses a client with a short key, because the security policies
+/// of OPC UA forbid this.
 pub fn weak(profile: &Profile) -> Vec<String> {
     let clients = profile.opcua_server.iter().flat_map(|server| &server.trusted);
     let clients: Vec<&str> = clients.map(|file| file.name.as_str()).collect();
@@ -81,7 +81,7 @@ pub fn weak(profile: &Profile) -> Vec<String> {
     weak.collect()
 }
 
-/// Returns whether the profile uses a certificate that can expire.
+/// Returns whether the profile uses a certificate whose validity must be watched.
 pub(in crate::gateway) fn has_some(profile: &Profile) -> bool {
     !used(profile).is_empty()
 }

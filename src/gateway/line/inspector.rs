@@ -39,7 +39,7 @@ const LOOK_AGAIN: Duration = Duration::from_secs(5);
 /// check. The device must have answered its polls in between.
 const ASSUMED_SILENT: u32 = 3;
 
-/// Exception codes of a device that will answer later: acknowledge and busy.
+/// Modbus exception codes of a device that will answer later: acknowledge and busy.
 const ACKNOWLEDGE: u8 = 5;
 const BUSY: u8 = 6;
 
@@ -53,26 +53,27 @@ pub(super) struct Inspector {
     namespaces: NamespaceWatch,
 }
 
+/// State of the checks of one device.
 #[derive(Debug)]
 struct Inspection {
     device: DeviceId,
     due: Moment,
-    /// Number of consecutive attempts to read the checks without a value, and the time of the last attempt.
+    /// Number of consecutive attempts to read the checks that gave no value, and the time of the last such attempt.
     missed: (u32, Moment),
     /// Whether the gateway regularly receives data from the device: answers to polls, or CAN frames.
     is_received: bool,
-    /// Whether values other than the checks are read from the device.
+    /// Whether the gateway also polls signals of the device, in addition to its checks.
     is_polled: bool,
     identified: Identified,
-    /// Number of resets of the device before its last setup. `None` if the device was not set up.
+    /// Number of resets of the device before its last setup. `None` if the gateway has not set up the device.
     set_up: Option<u64>,
     /// Number of breaks in the device's continuity at the last time when all checks were read.
     read_after: u64,
-    /// State of the repeated reading of each check, in the order of the profile.
+    /// State of the repeated reads of each check, in the order of the profile.
     again: Vec<Repetition>,
 }
 
-/// Means by which the gateway verifies that a device is the expected one.
+/// Means by which the gateway verifies that a device is the expected device.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Identified {
     ByChecks,
@@ -83,14 +84,14 @@ enum Identified {
     },
 }
 
-/// Repeated reading of a check while its device is confirmed.
+/// Repeated reads of one check while the device of the check is confirmed.
 #[derive(Clone, Copy, Debug)]
 struct Repetition {
     period: Duration,
     due: Moment,
     /// Whether the check has passed in the present round. A round ends when all checks of the device have passed.
     has_passed: bool,
-    /// Number of consecutive attempts to read this check without a value, and the time of the last attempt.
+    /// Number of consecutive attempts to read this check that gave no value, and the time of the last such attempt.
     unread: (u32, Moment),
 }
 
@@ -99,9 +100,9 @@ enum CheckRound {
     /// The checks were read. The number is the count of breaks in the continuity before the reads. The list contains
     /// the differences from the expected values.
     Known(u64, Vec<Difference>),
-    /// The device does not answer. Its loss is reported elsewhere.
+    /// The device does not answer. Other code reports the lost device.
     NoAnswer,
-    /// The continuity of the device was broken between two answers. The answers may come from different devices.
+    /// The continuity of the device was broken between two answers, so the answers may come from different devices.
     Broken,
 }
 
@@ -144,7 +145,8 @@ impl Inspector {
         self.inspections.is_empty()
     }
 
-    /// Reads the checks that are due.
+    /// Reads the checks that are due, for each device of the line. Returns after one check of a confirmed device,
+    /// because another action of the line may be due.
     pub(super) async fn inspect(&mut self, line: &mut DeviceLine, shared: &LineHandle, can: Option<&Can>) {
         self.check_namespaces(shared);
         for place in 0..self.inspections.len() {
@@ -219,17 +221,17 @@ impl Inspection {
         self.identified == Identified::ByChecks
     }
 
-    /// Returns whether the checks must wait for a poll. This is true if the device did not answer a check, and no
-    /// poll has shown since then that the device is present.
+    /// Returns whether the checks must wait for a poll. The result is true if the device did not answer a check, and
+    /// no poll since then was answered.
     fn waits_for_polls(&self, shared: &LineHandle) -> bool {
         let core = shared.core();
         let lost = core.device_health.devices[self.device.0].lost.as_ref();
         self.is_received && self.missed.0 > 0 && lost.is_some_and(|lost| lost.answers_since.is_none())
     }
 
-    /// Reads one check of a confirmed device: the check that has been due for the longest time. Returns true if a
-    /// check was due. All checks are read again if the value is not the expected one. They are also read again after
-    /// several attempts without a value, if the device delivered other values in between.
+    /// Reads the check that has been due for the longest time, of a confirmed device. Returns true if a check was
+    /// due. If the value is not the expected one, reads all checks again. Also reads all checks again after several
+    /// attempts without a value, if the device delivered other values in between.
     async fn read_again(
         &mut self,
         line: &mut DeviceLine,
@@ -297,7 +299,7 @@ impl Inspection {
         true
     }
 
-    /// Processes the result of reading all checks, and sets the time at which they are read again.
+    /// Processes the result of reading all checks, and sets the time of their next read.
     fn take_round(&mut self, shared: &LineHandle, found: CheckRound) {
         let pause = match &found {
             // The answers may come from two devices.
@@ -388,7 +390,7 @@ impl Inspection {
         is_known && attempts >= ASSUMED_SILENT
     }
 
-    /// Returns whether the continuity of the device was not broken again: the number of breaks is still `breaks`.
+    /// Returns whether the number of breaks in the continuity of the device is still `breaks`.
     fn is_after(&self, breaks: u64, shared: &LineHandle) -> bool {
         shared.core().devices.of(self.device).breaks_so_far() == breaks
     }

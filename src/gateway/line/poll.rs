@@ -46,8 +46,8 @@ use heartbeat_task::HeartbeatTask;
 
 /// Longest sleep of a line task if no action is due.
 const IDLE: Duration = Duration::from_secs(1);
-/// Waiting time after which a due read becomes urgent, and after which the axes are stepped (calculated) although
-/// inputs are missing. A fast line never reaches this time.
+/// Delay after which a due read becomes urgent. After the same delay, the task steps the axes (calculates their Cz)
+/// although inputs are missing. A fast line never reaches this delay.
 const SLOW: Duration = Duration::from_millis(20);
 /// Maximum number of consecutive urgent reads. After them, the line task carries out the action that has been due for
 /// the longest time.
@@ -73,10 +73,11 @@ pub(in crate::gateway) struct LineTask {
     step_due: Option<Moment>,
     pending: Pending,
     work: LineWork,
-    /// Number of processed wakeups of this line (`news`) and of processed pauses of the computer (`pauses`).
+    /// Number of wakeups of this line that the task has processed (`news`), and number of pauses of the computer that
+    /// it has processed (`pauses`).
     news: u64,
     pauses: u64,
-    /// Number of urgent reads since the last action that was not an urgent read.
+    /// Number of consecutive urgent reads up to now; 0 after any other action.
     pressed: u32,
     overruns: Overruns,
 }
@@ -84,8 +85,8 @@ pub(in crate::gateway) struct LineTask {
 /// Work that remains for the next turns (actions of the line task).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Pending {
-    /// Whether the axes have news to process: a device was read, or another task has woken the line since the last
-    /// step.
+    /// Whether the task must step the axes, because a device was read or another task has woken the line since the
+    /// last step.
     has_news: bool,
     /// Whether this task must wake the tasks of other lines, because it has read a value that they need.
     wakes_others: bool,
@@ -93,20 +94,21 @@ struct Pending {
     inspects: bool,
 }
 
+/// Next action of the line task.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Turn {
     Sleep(Moment),
     Beat,
-    /// Reads checks of devices that are due.
+    /// Read of the device checks that are due.
     Inspect,
-    /// One request to the device at this index.
+    /// One request of the reads of a device. Contains the index in `polls`.
     Read(usize),
     Step,
-    /// Work on the output or set at this index.
+    /// Work on one output or output set. Contains the index in `jobs`.
     Output(usize),
 }
 
-/// Rounds of reads that began later than planned by a whole period or more. They are counted until the next report.
+/// Rounds of reads that began at least one period later than planned, since the last report.
 #[derive(Debug, Default)]
 struct Overruns {
     count: u64,
@@ -310,7 +312,8 @@ impl LineTask {
         }
     }
 
-    /// Chooses the next turn among the actions of the line task that are due.
+    /// Chooses the next turn (action of the line task) among the actions that are due. If no action is due, the turn
+    /// is a sleep.
     fn next(&self, now: Moment) -> Turn {
         if self.heartbeat_task.as_ref().is_some_and(|heartbeat_task| heartbeat_task.due <= now) {
             return Turn::Beat;
@@ -347,15 +350,15 @@ impl LineTask {
         }
     }
 
-    /// Returns the outputs on which the task still works, with their indices. These are all outputs, or only the
-    /// corrected positions if the work is limited.
+    /// Returns the outputs on which the task still works, with their indices. While the work of the line is limited,
+    /// these are only the corrected positions (position plus Cz); otherwise all outputs.
     fn working_jobs(&self) -> impl Iterator<Item = (usize, &OutputTask)> {
         let works = |job: &OutputTask| self.work == LineWork::All || job.corrects.is_some();
         self.jobs.iter().enumerate().filter(move |(_, job)| works(job))
     }
 
-    /// Returns the request of the next read, if the read is due at `by`. The line can send this request directly
-    /// after the write of a corrected position (position plus Cz).
+    /// Returns the request of the next read, if the request is due at the time `by`. The line can send this request
+    /// directly after the write of a corrected position (position plus Cz).
     fn reads_next(&self, by: Moment) -> Option<(DeviceId, Request<'static>)> {
         self.polls.iter().min_by_key(|poll| poll.due())?.asks_next(by)
     }

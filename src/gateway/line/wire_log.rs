@@ -1,12 +1,12 @@
-//! Wire log of a running gateway: one tap (recorder of messages) for each bus line. A caller finds a tap by the name
-//! of a device.
+//! Wire log of a running gateway: recorded messages between the gateway and its devices. Each bus line has one tap
+//! (recorder of messages). A caller finds a tap by the name of a device.
 
 use std::sync::Arc;
 
 use crate::fieldbus::trace::{ExchangeReceiver, Tap};
 use isotherm_profile::{BusId, DeviceId, Profile};
 
-/// Access to the recorded messages of the devices of a gateway, from any thread.
+/// Access to the messages between the gateway and its devices, from any thread.
 #[derive(Clone, Debug)]
 pub struct WireLog(Arc<Inner>);
 

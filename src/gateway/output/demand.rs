@@ -12,26 +12,27 @@ use isotherm_profile::{OutputId, Writes};
 
 /// Demand on an output: required value in µm, and the conditions under which the value may be written.
 pub(super) struct OutputDemand {
-    /// Cz (compensation value) that the axis requires. For an output that writes a slope: the effect of the slope at
-    /// the axis's largest distance from the reference position.
+    /// Cz (compensation value) that the axis requires, after the limits of the axis. For an output that writes a
+    /// slope: the effect of the slope at the axis's largest distance from the reference position.
     cz: Micron,
-    /// Target that `cz` approaches.
+    /// Cz that the axis requires in the end. The value `cz` approaches this target step by step.
     target: Micron,
     /// Time at which the axis decided.
     decided: Moment,
     /// Requester that armed the axis. `None` if the axis is off.
     armed: Option<Who>,
     decision: Decision,
-    /// Position to be corrected. `None` if the output has no such position, or if the position is not usable.
+    /// Position that the output must correct. `None` if the output corrects no position, or if the position has no
+    /// usable reading.
     pub(super) position: Option<f64>,
-    /// Latest time at which a change may be sent. After this time, the readings on which the change depends are too
-    /// old.
+    /// Latest time at which a changed value may be sent. After this time, the readings from which the axis has
+    /// calculated the value are too old.
     pub(super) not_after: Moment,
     /// State of the interlock (`when` of the output): it permits writes, forbids writes, or is unknown.
     pub(super) interlock: Condition,
-    /// Number of restarts of the control so far.
+    /// Number of restarts of the control (machine controller) since the start of the gateway.
     restarts: u64,
-    /// Number of pauses of the computer so far.
+    /// Number of pauses of the computer since the start of the gateway.
     pauses: u64,
 }
 
@@ -40,9 +41,9 @@ pub(super) struct OutputDemand {
 enum Decision {
     /// Nothing is written: the axis is off, or has not decided since it was armed.
     Off,
-    /// Nothing is written yet. The axis must first continue from the register value, and then decide again.
+    /// Nothing is written yet. The axis must first continue from the register value, and then make a new decision.
     Outdated,
-    /// The value is written in the contained mode.
+    /// The controller of the output writes the value, in the contained mode.
     Current(Mode),
 }
 

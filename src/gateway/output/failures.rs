@@ -5,7 +5,7 @@ use isotherm_core::explained::Cause;
 use isotherm_core::output::{Fact, Input};
 use isotherm_profile::counted;
 
-/// Number of consecutive unanswered writes after which the failure is reported, if the device answers reads.
+/// Number of consecutive unanswered writes after which the failure is reported, although the device answers reads.
 const DEAF: u64 = 3;
 /// Number of consecutive failures with another cause than the reported one, after which the new cause is reported.
 const CHANGED_AFTER: u32 = 20;
@@ -14,7 +14,7 @@ const CHANGED_AFTER: u32 = 20;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum RequestKind {
     Read,
-    /// Read of the register in which the control reports the applied value.
+    /// Read of the additional register in which the control reports the value that it applies.
     ReadApplied,
     Write,
 }
@@ -30,9 +30,10 @@ enum Alarm {
 /// Failures of the requests of one register.
 #[derive(Debug, Default)]
 pub(super) struct Failures {
-    /// Kind of the failed request that was reported. `None` after a request of this kind has succeeded.
+    /// Kind of the failed request that was reported. `None` if no failure was reported, or if a request of this kind
+    /// has succeeded since then.
     reported: Option<RequestKind>,
-    /// Reported cause of the failures, and the number of later failures with another cause.
+    /// Reported cause of the failures, and the number of consecutive later failures with another cause.
     cause: Option<Cause<Fault>>,
     /// Number of failed writes since the last answered write.
     failed_writes: u64,
@@ -49,8 +50,8 @@ enum LastRead {
 }
 
 impl Failures {
-    /// Records a failed request. Returns the text for a report, if the failure must be reported. Other code reports a
-    /// lost device.
+    /// Records a failed request. Returns the text for a report, or `None` if nothing must be reported. Other code
+    /// reports a lost device.
     pub(super) fn fails(
         &mut self,
         fault: Fault,
@@ -85,13 +86,13 @@ impl Failures {
         std::mem::take(&mut self.alarm) == Alarm::Raised
     }
 
-    /// Records whether the device answers other requests. If it does, the device does not count as lost, and the
-    /// output itself reports unanswered writes.
+    /// Records whether the device answers other requests. If so, the device does not count as lost, and the output
+    /// itself reports its unanswered writes.
     pub(super) fn device_answers(&mut self, answers: bool) {
         self.last_read = if answers { LastRead::Answered } else { LastRead::NotAnswered };
     }
 
-    /// Records the result of an exchange. After a success, a new failure is reported again.
+    /// Records the result of an exchange. After a success, the next failure is reported again.
     pub(super) fn result(&mut self, input: Input) {
         match input {
             Input::Fact(Fact::Done { .. }) => {

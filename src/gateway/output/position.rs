@@ -30,6 +30,7 @@ use isotherm_core::quantity::{Micron, Moment};
 use isotherm_core::reading::SignalId;
 use isotherm_profile::{Arm, Output, OutputId, Shown};
 
+/// Executor of an output that writes a position plus Cz (corrected position).
 #[derive(Debug)]
 pub(in crate::gateway) struct Position {
     id: OutputId,
@@ -37,14 +38,14 @@ pub(in crate::gateway) struct Position {
     controller: PositionController,
     failures: Failures,
     is_saturated: bool,
-    /// Conversion of the registers to a value as the control makes it. It is used to check each value before the
-    /// write.
+    /// Conversion of registers to a value, as the control makes the conversion. The executor uses it to check each
+    /// value before the write.
     control: Option<ControlView>,
 }
 
 impl Position {
-    /// Creates the executor of an output that writes a position plus Cz. The output continues from the Cz that was
-    /// written last, in this run or in the previous one.
+    /// Creates the executor of an output that writes a position plus Cz. The output continues from the Cz of its last
+    /// write, in this run or in the previous run.
     pub(in crate::gateway) fn new(shared: &LineHandle, id: OutputId, position: SignalId) -> Position {
         let profile = &shared.profile;
         Position {
@@ -112,8 +113,8 @@ impl Position {
         shared.core().storage.outputs.turned(CountedWrite::Position(self.id), ended, snapshot, now);
     }
 
-    /// Writes the position plus the given Cz. `written` is the Cz that the register holds now. Returns `None` if the
-    /// control would read another value from the registers, or a value beyond the limit.
+    /// Writes the position plus the given Cz. `written` is the Cz that the register holds now. Writes nothing and
+    /// returns `None` if the control would read another value from the registers, or a value beyond the limit.
     async fn correct(
         &mut self,
         turn: &mut LineTurn<'_>,
@@ -198,8 +199,8 @@ impl Position {
         encoded
     }
 
-    /// Handles a value read back that differs from the written value. The difference is reported once. The next
-    /// position is written as usual.
+    /// Handles a write after which the value read back differs from the written value. The difference is reported
+    /// once. The next position is written as usual.
     fn is_not_shown(
         &mut self,
         shared: &LineHandle,

@@ -29,8 +29,8 @@ use isotherm_core::output::{
 use isotherm_core::quantity::{Counts, Micron, Moment};
 use isotherm_profile::{Output, OutputId, Share, Writes};
 
-/// Time for which the gateway still recognises the value of an unanswered write in the register, as a multiple of
-/// `late`.
+/// Multiple of `late` (time in which an unanswered write may still arrive). For this time, the gateway recognises the
+/// value of the write in the register.
 const REMEMBERED: u32 = 10;
 /// Maximum time for saving the state of an output to disk. After this time, a fault of the disk is reported.
 const DISK_PATIENCE: Duration = Duration::from_secs(5);
@@ -45,15 +45,17 @@ pub(super) struct OutputRegister {
     failures: Failures,
     /// Failed requests to the register in which the control reports the applied value.
     failures_applied: Failures,
-    /// Writes that may still arrive, as they were last saved on disk. `None` if there were none.
+    /// Writes that may still arrive, as they were last saved on disk. `None` if all writes were answered.
     on_disk: Option<InFlightWrites>,
-    /// Version of the register ledger that the disk is storing, and the time at which this began.
+    /// Version of the register ledger (saved record of the written values) that the disk has not stored yet, and the
+    /// time at which saving began. `None` if saving is complete.
     keeping: Option<(u64, Moment)>,
 }
 
 impl OutputRegister {
-    /// Creates the register of an output and its controller, when the task of the bus line begins. `is_in_a_set` is
-    /// true if the output belongs to an output set. Its value is then refreshed together with the set.
+    /// Creates the register of an output and the controller of the output, when the task of the bus line begins.
+    /// `is_in_a_set`: whether the output belongs to an output set. The value of such an output is refreshed together
+    /// with the set.
     pub(super) fn new(
         shared: &LineHandle,
         id: OutputId,
@@ -85,7 +87,8 @@ impl OutputRegister {
         (OutputRegister { id, units, settings, failures, failures_applied, on_disk, keeping }, controller)
     }
 
-    /// Reports the events of the controller. Returns the cause if the axis must continue from the register value.
+    /// Reports the events of the controller. If the axis must continue from the register value, returns the cause;
+    /// otherwise `None`.
     pub(super) fn report_events(
         &mut self,
         shared: &LineHandle,
@@ -203,7 +206,8 @@ impl OutputRegister {
         }
     }
 
-    /// Reads the applied value from the control, if this read is due. Returns `None` if the read is not due.
+    /// Reads the value that the control reports as applied, if the read is due. Returns `None` if the read is not
+    /// due.
     pub(super) async fn read_applied(
         &mut self,
         turn: &mut LineTurn<'_>,
@@ -227,8 +231,8 @@ impl OutputRegister {
         })
     }
 
-    /// Publishes the state of the register for the axes and the web page. If `resumes` contains a cause, the axis
-    /// continues from the register value.
+    /// Publishes the state of the register for the axes and the web page. If `resumes` contains a cause, makes the
+    /// axis continue from the register value.
     pub(super) fn publish(
         &mut self,
         shared: &LineHandle,
@@ -267,8 +271,8 @@ impl OutputRegister {
         shared.wake_others(shared.profile.device(output.device).bus);
     }
 
-    /// Saves the state of the output in the register ledger. Returns `None` if the disk has not stored the state yet.
-    /// The next call by the line task then checks again.
+    /// Saves the state of the output in the register ledger (saved record of the written values). Returns `None` if
+    /// the disk has not stored the state yet. The next call by the line task then checks again.
     pub(super) async fn keep(
         &mut self,
         turn: &mut LineTurn<'_>,
@@ -354,8 +358,8 @@ impl OutputRegister {
         });
     }
 
-    /// Reports the value of the register after the first read, if it is not certain whether the output has written to
-    /// this register before.
+    /// Reports the value of the register after its first read. The report is made only if it is not certain whether
+    /// the output has written to this register before.
     fn note_place(&self, controller: &Controller, output: &Output, core: &mut GatewayState) {
         let shown = controller.state().shown(&self.settings);
         let Some(seen) = shown.verified.filter(|_| !shown.is_only_acknowledged) else { return };
@@ -398,7 +402,7 @@ impl OutputRegister {
     }
 }
 
-/// Returns whether a write has no answer yet, and may still arrive at the register.
+/// Returns whether the register has an unanswered write that may still arrive.
 fn has_unanswered(state: &State) -> bool {
     state.copies().under_way().any(|sent| sent.answered.is_none())
 }

@@ -35,9 +35,10 @@ pub(in crate::gateway) struct Set {
     registers: Vec<OutputRegister>,
     settings: SetSettings,
     controller: SetController,
-    /// Register values of the last read.
+    /// Register value of each output of the set, from the last read.
     found: Vec<Encoded>,
-    /// Cause for each output, if its axis must continue from the register value; otherwise `None`.
+    /// Reason for each output to make its axis continue from the register value; `None` for an output without such a
+    /// reason.
     resumes: Vec<Option<Cause>>,
     /// Cause of the last failure of the handshake, as text.
     cause: String,
@@ -288,7 +289,7 @@ impl Set {
         self.result(turn, &SetInput::Sent { result, left })
     }
 
-    /// Records a write of heartbeat and control word in the log.
+    /// Records in the log a write of the heartbeat and the control word of the output set.
     fn words_sent(&self, shared: &LineHandle, sent: Result<(), (Fault, Outcome)>, now: Moment) {
         if self.settings.words == SetWords::None {
             return;

@@ -17,7 +17,7 @@ pub(super) struct SetReadings {
     pub(super) values: Vec<Encoded>,
     pub(super) sequence: Option<u16>,
     pub(super) heartbeat: Option<u16>,
-    /// Time at which the first request was sent.
+    /// Time at which the first request of the read was sent.
     pub(super) asked: Moment,
 }
 

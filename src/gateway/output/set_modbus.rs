@@ -12,7 +12,7 @@ use isotherm_core::output::OwnWords;
 use isotherm_core::quantity::Moment;
 use isotherm_profile::{DeviceId, Output, OutputSet, Profile, Stretch};
 
-/// Register values. The key is the address offset of the register.
+/// Register values of an output set. The key is the address offset of the register.
 type Cells = BTreeMap<u16, u16>;
 
 /// Returns the values of all registers of the output set. `values` contains the value of each output, and `own`

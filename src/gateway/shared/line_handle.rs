@@ -21,7 +21,7 @@ use isotherm_profile::{Arm, BusId, DeviceId, OnStop, OutputId, Signal};
 /// Minimum time between two checks whether the computer's clock was set. A check is made after a step of the axes.
 const DAY_EVERY: Duration = Duration::from_millis(100);
 
-/// Access of the task of one bus line to the shared state.
+/// Access of the task of one bus line to the shared state of the gateway.
 #[derive(Clone)]
 pub(in crate::gateway) struct LineHandle {
     shared: Arc<Shared>,
@@ -96,8 +96,8 @@ impl LineHandle {
         }
     }
 
-    /// Reports that a change was not sent, because the line task reached the output after `not_after`. At that time,
-    /// the readings on which the change depends were too old.
+    /// Reports that a changed value was not sent, because the line task reached the output after the time
+    /// `not_after`. After this time, the readings from which the value was calculated are too old.
     pub(in crate::gateway) fn order_lapsed(&self, id: OutputId, not_after: Moment) {
         // The default moment means that no earlier decision may be used, so nothing is late.
         if not_after == Moment::default() {
@@ -109,8 +109,8 @@ impl LineHandle {
         self.overrun(bus, 1, late, || format!("a change of output {}", output.name));
     }
 
-    /// Counts `count` late cycles of a bus line. `late` is the largest delay, and `what` describes its cycle. Reports
-    /// the late cycles, unless such a report was made recently.
+    /// Counts `count` late cycles of a bus line. `late` is the largest delay, and `what` returns a text about the
+    /// late action. Reports the late cycles, unless such a report was made recently.
     pub(in crate::gateway) fn overrun(
         &self,
         bus: BusId,
@@ -126,8 +126,8 @@ impl LineHandle {
         }
     }
 
-    /// Returns the state of the heartbeat for the next request. Heartbeats begin with the first arming. With
-    /// `arm = "auto"`, they already begin with the first valid reading. They end with the process.
+    /// Returns the state of the heartbeat for the next request. Heartbeats begin when an axis is armed for the first
+    /// time. With `arm = "auto"`, they already begin with the first valid reading. They end when the process ends.
     pub(in crate::gateway) fn beat(&self, now: Moment) -> Beat {
         let (core, arm) = (self.core(), self.profile.arm);
         if self.dry_run || !(core.was_armed || (arm == Arm::Auto && core.has_read)) {
@@ -137,8 +137,8 @@ impl LineHandle {
         if self.head_lives(now) { Beat::Counts } else { Beat::Stands }
     }
 
-    /// Returns whether the axes were stepped (calculated) in time. If they were not, the heartbeat no longer counts,
-    /// even if the bus lines work. While another program takes over, the axes need no steps.
+    /// Returns whether the axes were stepped (calculated) in time. If not, the count of the heartbeat no longer
+    /// increases, even if the bus lines work. While another program takes over, the axes need no steps.
     fn head_lives(&self, now: Moment) -> bool {
         let (every, core) = (self.dependents.shortest_period, self.core());
         core.phase.stop() == Some(OnStop::Hold)

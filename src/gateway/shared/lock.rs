@@ -12,8 +12,8 @@ use isotherm_core::quantity::Moment;
 /// Upper bounds of the histogram's buckets, in µs.
 const BOUNDS_US: [u64; 8] = [2, 5, 10, 20, 50, 100, 500, 5000];
 
-/// One in this many locks is measured, because the two clock samples of a measurement cost more time than most locks.
-/// The number is prime, so that a repeated sequence of locks is measured at different places.
+/// Number of locks of which the gateway measures one. The two clock samples of a measurement cost more time than most
+/// locks. The number is prime, so that a repeated sequence of locks is measured at different places.
 const SAMPLED: u64 = 17;
 
 /// Histogram of the times for which the lock was held. Another task may have to wait for the lock for the same time.
@@ -24,8 +24,8 @@ pub(in crate::gateway) struct LockTimes {
 }
 
 impl LockTimes {
-    /// Returns the upper bound of each bucket in seconds, and the number of measured locks in it. The last bound is
-    /// infinite.
+    /// Returns the upper bound of each bucket in seconds, and the number of measured locks in the bucket. The last
+    /// bound is infinite.
     pub(in crate::gateway) fn read(&self) -> Vec<(f64, u64)> {
         #[allow(clippy::cast_precision_loss, reason = "a few thousand at most")]
         let bounds = BOUNDS_US.iter().map(|bound| *bound as f64 * 1e-6).chain([f64::INFINITY]);

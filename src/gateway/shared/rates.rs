@@ -9,10 +9,10 @@ use std::time::Duration;
 use isotherm_core::quantity::Moment;
 
 const SPAN: Duration = Duration::from_secs(1);
-/// Number of entries above which the table removes expired entries.
+/// Number of entries in the table [`Rates`] above which a new command removes the expired entries.
 const MANY: usize = 256;
 
-/// Subject of a command, for which its rate is limited.
+/// Subject of a command: the axis, device or alarm for which the rate of commands is limited.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub(in crate::gateway) enum RateSubject {
     /// Axis, by its index.
@@ -25,8 +25,8 @@ pub(in crate::gateway) enum RateSubject {
     Nothing,
 }
 
-/// Present time by two clocks: `machine` is the time of the machine, `passed` is real time. The two clocks differ in
-/// a demo. A command is allowed if one second has passed by one of the clocks.
+/// Present time by two clocks: `machine` is the time of the machine, and `passed` is real time. In a demo, the
+/// simulated machine time differs from real time. A command is allowed if one second has passed by one of the clocks.
 #[derive(Clone, Copy, Debug)]
 pub(in crate::gateway) struct PresentTime {
     pub(in crate::gateway) machine: Moment,
@@ -44,8 +44,8 @@ impl PresentTime {
 pub(in crate::gateway) struct Rates(HashMap<(RateSubject, &'static str), PresentTime>);
 
 impl Rates {
-    /// Returns whether a command is allowed. If so, records the time for all subjects of the command. Otherwise,
-    /// records nothing.
+    /// Returns whether a command is allowed. If so, records the time for all subjects of the command. If not, records
+    /// nothing.
     pub(in crate::gateway) fn take(
         &mut self,
         verb: &'static str,

@@ -143,8 +143,8 @@ fn given_up(core: &mut GatewayState, one: &ReturningRegister, found: Option<Micr
     }
 }
 
-/// Updates the report of a release that was given up. When writes of the gateway can no longer arrive, the function
-/// records the last verified value of the register.
+/// Updates the report of a register whose release was given up. As soon as no write of the gateway can arrive any
+/// more, the function reports the last verified value of the register.
 fn settle(core: &mut GatewayState, one: &ReturningRegister) {
     let ReturningRegister { release, grain_um, .. } = one;
     let register = core.registers[one.output.0].as_ref();

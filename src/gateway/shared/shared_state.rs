@@ -22,7 +22,7 @@ use isotherm_core::continuity::Break;
 use isotherm_core::quantity::Moment;
 use isotherm_profile::{BusId, Profile};
 
-/// Work that the bus lines may do.
+/// Work that the tasks of the bus lines may do. The gateway limits this work before it ends.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(in crate::gateway) enum LineWork {
     /// All work: reads, steps (calculations) of the axes, and outputs.
@@ -54,7 +54,7 @@ pub(crate) struct Shared {
     line_work: Mutex<LineWork>,
     /// Number of bus lines whose outputs are idle: all their exchanges have ended, and no exchange may begin.
     resting: AtomicUsize,
-    /// Time of the last command for each subject and verb.
+    /// Limiter of the commands: the time of the last command for each subject and verb.
     rates: Mutex<Rates>,
     /// Figures about the messages that are published to an MQTT broker; `None` without a broker.
     pub(in crate::gateway) broker: Option<Arc<BrokerFigures>>,
@@ -132,8 +132,8 @@ impl Shared {
         self.wake_where(|place| place != bus.0);
     }
 
-    /// Wakes the other bus lines that may have to write or check something after a step of the axes. The line of
-    /// `bus` is the caller.
+    /// Wakes the other bus lines that may have to write, or check for a restart of the control, after a step of the
+    /// axes. The line of `bus` is the caller.
     pub(in crate::gateway) fn wake_followers(&self, bus: BusId) {
         self.wake_where(|place| place != bus.0 && self.dependents.follows_steps[place]);
     }

@@ -42,6 +42,7 @@ mod reports;
 /// Minimum time between two reports of the condition for which an axis waits before it is armed.
 const WAITING_REPORTED_EVERY: Duration = Duration::from_secs(10);
 
+/// State of the gateway that one lock protects. The tasks of all bus lines use this state.
 pub(in crate::gateway) struct GatewayState {
     pub(in crate::gateway) given: RunConfig,
     pub(in crate::gateway) board: SignalTable,
@@ -73,7 +74,7 @@ pub(in crate::gateway) struct GatewayState {
     /// Whether an axis has had a model with usable readings at any time since the start.
     pub(super) has_read: bool,
     pub(super) stepped_at: Moment,
-    /// Time of the next check whether the computer's clock was set.
+    /// Time of the next check whether the clock of the computer was set to another time.
     pub(super) day_due: Moment,
     /// Time at which the next axis is due. Without an axis: time of the next report of signals. `None` before the
     /// first such report, and during a stop that moves no axis.
@@ -236,8 +237,8 @@ impl GatewayState {
         true
     }
 
-    /// Records the outputs that the gateway may write to from now on. Returns whether the gateway has only read one
-    /// of them before.
+    /// Records the outputs to which the gateway may write from now on. Returns whether one of them is new: the
+    /// gateway has only read its register before.
     fn notes_driven(&mut self) -> bool {
         let GatewayState { places, arming, outputs, given, .. } = self;
         let is_driven = |id: OutputId| {
@@ -288,7 +289,7 @@ impl GatewayState {
         }
     }
 
-    /// Returns whether an event of the whole machine makes a step of the axes necessary. The machine has started to
+    /// Returns whether the axes must be stepped because of an event of the whole machine: the machine has started to
     /// run, or an operator has captured zero.
     fn would_notice(&self, now: Moment) -> bool {
         let value = |id| self.board.value(id, now);
@@ -430,7 +431,8 @@ impl GatewayState {
         self.reasons(axis, now).map_or_else(Explained::default, |reasons| reasons.explained())
     }
 
-    /// Returns whether the registers of an axis hold its last decision. Also `true` if waiting for this is useless.
+    /// Returns whether the registers of an axis hold its last decision. Also `true` if waiting for the registers has
+    /// no effect, for example in a dry run, or while an interlock forbids writes.
     pub(in crate::gateway) fn has_arrived(&self, axis: usize) -> bool {
         let RunConfig { profile, dry_run, .. } = &self.given;
         let Some(decision) = self.compensation.decision(axis) else { return true };
@@ -471,7 +473,8 @@ impl GatewayState {
     }
 
     /// Returns whether the verified Cz equals the decided Cz, to half a count of the register. Always `true` for an
-    /// output that writes the reference position P0, because P0 is a constant.
+    /// output that writes the reference position P0 (position at which a slope has no effect), because P0 is a
+    /// constant.
     fn is_there(&self, decision: &Decision, output: &Output, state: &OutputState, cz: Micron) -> bool {
         output.writes == Writes::Reference
             || state.is_near(&self.given.profile, output, cz, part(decision, output.writes))

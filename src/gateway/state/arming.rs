@@ -15,7 +15,7 @@ use super::sign::SignCheck;
 use super::units::cz_factor;
 use crate::observe::requester::Requester;
 
-/// Reason for an axis that an operator switched off.
+/// Reason shown for an axis that an operator has switched off.
 pub(in crate::gateway) const BY_A_PERSON: &str = "switched off by a person";
 
 /// Request to arm that waits for a condition.
@@ -26,7 +26,8 @@ pub(in crate::gateway) struct ArmRequest {
     pub(in crate::gateway) until: Moment,
     /// Last reported condition for which the request waits, and the time of that report.
     pub(in crate::gateway) reported: (String, Moment),
-    /// Cz of the previous gateway process. The axis starts from this Cz if no register of the axis gives a Cz.
+    /// Cz (compensation value) of the axis in the previous gateway process. The axis starts from this Cz if its
+    /// registers give no Cz. `None` if the request does not come from a handover.
     pub(in crate::gateway) from: Option<Micron>,
 }
 
@@ -46,13 +47,14 @@ pub(in crate::gateway) enum ArmingState {
     Tripped(Who),
 }
 
+/// Arming of one axis: its state, its open requests, and the values from which its next step continues.
 #[derive(Clone, Debug, Default)]
 pub(in crate::gateway) struct Arming {
     pub(in crate::gateway) state: ArmingState,
     pub(in crate::gateway) why: Explained,
-    /// Request to arm that waits for a condition.
+    /// Request to arm that waits for a condition; `None` if no request waits.
     pub(in crate::gateway) asked: Option<ArmRequest>,
-    /// Sign check with a dial gauge that is running.
+    /// Running sign check with a dial gauge; `None` if no check runs.
     pub(in crate::gateway) sign: Option<SignCheck>,
     /// Reason why the last sign check ended before the operator answered.
     pub(in crate::gateway) sign_ended: Option<Explained>,
@@ -61,22 +63,24 @@ pub(in crate::gateway) struct Arming {
     /// Cz from which the next step of the axis continues, for example the value of its register. `None` if the step
     /// continues from the last decision.
     pub(in crate::gateway) take_over: Option<Micron>,
-    /// Effect of the slope that the control applies, at the axis's largest distance from the reference position. The
-    /// next step of the axis continues from this value.
+    /// Effect from which the next step of the slope continues, if the control applies a slope itself. The effect is
+    /// the value in µm at the axis's largest distance from the reference position.
     pub(in crate::gateway) take_over_slope: Option<Micron>,
-    /// Cz before the settings of one of the axis's sensors were changed. The axis returns to this Cz.
+    /// Cz to which the axis returns, because the settings of one of its sensors were changed. The Cz is from the time
+    /// before the change.
     pub(in crate::gateway) return_to: Option<ReturnTo>,
-    /// Whether an operator has switched the axis off and checked its sensors. The next step then accepts the sensors
-    /// again.
+    /// Whether the next step accepts the sensors of the axis again, because an operator has switched the axis off and
+    /// checked the sensors.
     pub(in crate::gateway) trust: bool,
 }
 
+/// Result of an attempt to arm an axis.
 #[derive(Clone, Debug, PartialEq)]
 pub(in crate::gateway) enum Attempt {
     /// The axis is not armed in this step. It is already armed, or arming is not requested, or a register value or
     /// reading is missing.
     NotYet,
-    /// The axis may be armed, and starts from this Cz and this effect of its slope.
+    /// The axis may be armed. Contains the Cz and the effect of the slope from which the axis starts.
     From(Micron, Option<Micron>),
     Refused(Explained),
 }
@@ -112,7 +116,8 @@ impl Arming {
         }
     }
 
-    /// Ends the request to arm. If `arms_itself` is false, an axis that is off stays off until another request.
+    /// Ends the request to arm. If `arms_itself` is false, an axis that is off stays off until an operator requests
+    /// arming again.
     pub(in crate::gateway) fn end_request(&mut self, arms_itself: bool, why: Explained) {
         self.asked = None;
         if !self.is_armed() {

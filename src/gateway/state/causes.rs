@@ -13,9 +13,9 @@ use super::device_health::DeviceHealth;
 use super::output::{Outputs, RegisterHealth};
 use super::{comparison, extrapolation, stand_in};
 
-/// Text of the cause for an axis whose model requested more than the error level.
+/// Cause shown for an axis whose model requested more than the error level.
 pub(in crate::gateway) const BEYOND_ERROR: &str = "the model requested more than the error level";
-/// Hint for a cause that only an operator can find.
+/// Hint for a fault whose cause only an operator can find.
 pub(in crate::gateway) const WHEN_FOUND: &str = "arm the axis again when the cause is found";
 /// Hint for a sensor that is lost, or frozen (its reading does not change).
 pub(super) const SEE_TO_THE_SENSOR: &str = "look at the sensor, its cable and its channel";
@@ -30,7 +30,7 @@ pub(in crate::gateway) struct CauseInputs<'a> {
     pub(in crate::gateway) outputs: &'a Outputs,
     pub(in crate::gateway) device_health: &'a DeviceHealth,
     pub(in crate::gateway) devices: &'a Devices,
-    /// Readings of the last step.
+    /// Readings of all signals, as the last step of the axes used them.
     pub(in crate::gateway) seen: &'a [Reading],
     /// Whether the gateway has detected that the machine is running.
     pub(in crate::gateway) has_run: bool,

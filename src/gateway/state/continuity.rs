@@ -1,6 +1,6 @@
-//! Continuity of the devices: whether each device is still the device that has passed its checks. The code also
-//! contains which devices an axis needs. [`isotherm_core::continuity`] decides, and the
-//! [`Inspector`](crate::gateway::line::inspector::Inspector) reads the checks.
+//! Continuity of the devices: whether each device is still the device that has passed its checks (comparisons of
+//! registers with the values in the profile). Also contains the devices of each axis. [`isotherm_core::continuity`]
+//! decides, and the [`Inspector`](crate::gateway::line::inspector::Inspector) reads the checks.
 
 use std::sync::Arc;
 
@@ -14,21 +14,22 @@ use isotherm_core::continuity::{Break, Continuity, DeviceContinuity, Difference,
 use isotherm_core::quantity::Moment;
 use isotherm_profile::{AxisId, BusId, Device, DeviceId, Members, Profile};
 
-/// Continuity of all devices: whether each device is certain to be the device that has passed the checks.
+/// Continuity of all devices: whether each device is certain to be the device that has passed the checks. A break of
+/// the continuity is an event after which another device or other settings are possible.
 #[derive(Clone, Debug)]
 pub(in crate::gateway) struct Devices {
     devices: Vec<DeviceContinuity>,
-    /// Devices of each axis: its models read the device, or its outputs write to it.
+    /// Devices of each axis: the models of the axis read these devices, or its outputs write to them.
     of_axis: Members,
-    /// Axes of each device: they read the device, or write to it.
+    /// Axes of each device: these axes read the device, or write to the device.
     axes_of: Members,
-    /// Axes whose models read the device, for each device. The second value is the state of the axis before the last
-    /// round of checks that passed.
+    /// For each device: the axes whose models read the device, and the state of each axis before the last round of
+    /// checks that passed.
     held: Vec<Vec<(usize, ReturnTo)>>,
-    /// Axes whose models read the device, for each device. The second value is the state of the axis at the beginning
-    /// of the present round of checks.
+    /// For each device: the axes whose models read the device, and the state of each axis at the beginning of the
+    /// present round of checks.
     held_in_round: Vec<Vec<(usize, ReturnTo)>>,
-    /// Axes whose models read the device, for each device.
+    /// For each device: the axes whose models read the device.
     read_by: Members,
     /// Namespaces that the profile refers to by index, for each bus that is an OPC UA server.
     namespaces: Vec<Option<NamespaceTable>>,
@@ -176,7 +177,7 @@ impl Devices {
         self.devices.iter_mut().for_each(|device| device.breaks(cause, now));
     }
 
-    /// Records an answer of a device, even if the answer refuses the request.
+    /// Records an answer of a device, which may also be the refusal of a request.
     pub(in crate::gateway) fn answers(&mut self, device: DeviceId, now: Moment) {
         self.devices[device.0].answers(now);
     }

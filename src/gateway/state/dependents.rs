@@ -24,14 +24,14 @@ pub(in crate::gateway) struct RunConfig {
 /// Dependencies of axes and bus lines. Each list is in ascending order and has no duplicates.
 #[derive(Debug)]
 pub(in crate::gateway) struct Dependents {
-    /// Signals of each model of each axis.
+    /// Signals that each model of each axis reads: first index axis, second index model.
     pub(in crate::gateway) inputs: Vec<Vec<Vec<SignalId>>>,
     /// Axes whose error is measured by a probing cycle of the control.
     pub(in crate::gateway) probed: Vec<AxisId>,
     /// Axes with a probing cycle, for each bus line: the line reads the measured error, or the trigger that announces
     /// the error.
     pub(in crate::gateway) probed_on: Vec<Vec<AxisId>>,
-    /// Whether each bus line reads a signal that shows a restart of a control.
+    /// Whether each bus line reads a signal that shows a restart of a control: a boot counter or `machine.on`.
     pub(in crate::gateway) shows_restarts: Vec<bool>,
     /// Whether each bus line may have to write after a step of the axes. Also `true` for a line that receives
     /// `machine.on` in CAN frames, because no read then triggers its check for a restart of the control.
@@ -46,9 +46,9 @@ pub(in crate::gateway) struct Dependents {
     pub(in crate::gateway) corrected: HashSet<DeviceId>,
     /// Bus lines on which the gateway reads a position that it corrects on another line.
     pub(in crate::gateway) corrected_elsewhere: HashSet<BusId>,
-    /// Shortest `max_age` of all signals.
+    /// Shortest `max_age` of all signals of the profile.
     pub(in crate::gateway) shortest_age: Duration,
-    /// Shortest period of all axes. `None` if the profile has no axis.
+    /// Shortest period of the calculation of an axis. `None` if the profile has no axis.
     pub(in crate::gateway) shortest_period: Option<Duration>,
     /// Period of the reports about changed signals, if the profile has no axis: the shortest period of the devices,
     /// but at least one second. `None` if the profile has an axis, because a step of the axes then reports the

@@ -46,6 +46,7 @@ const BEYOND_DEFAULT_RANGE: &str = "is the sensor broken, or are `scale` or `wor
 const BEYOND_DEFAULT_RATE: &str =
     "is a contact loose, does a drive disturb the signal? If not, write a larger `max_rate`, or \"none\"";
 
+/// Health of all devices and bus lines of the profile.
 #[derive(Clone, Debug)]
 pub(in crate::gateway) struct DeviceHealth {
     profile: Arc<Profile>,
@@ -56,7 +57,7 @@ pub(in crate::gateway) struct DeviceHealth {
     pub(in crate::gateway) stamped: Vec<Option<Duration>>,
 }
 
-/// Numbers of requests and failures of one device, and its present loss.
+/// Numbers of requests and failures of one device, and its loss if the device does not answer now.
 #[derive(Clone, Debug, Default)]
 pub(in crate::gateway) struct DeviceCount {
     pub(in crate::gateway) requests: u64,
@@ -76,7 +77,7 @@ pub(in crate::gateway) struct LostDevice {
     pub(in crate::gateway) missed: u64,
     /// Reported cause of the loss. `None` until the loss is reported.
     reported: Option<Cause<String>>,
-    /// Time since which the device answers again. `None` while it does not.
+    /// Time since which the device answers again. `None` while the device does not answer.
     pub(in crate::gateway) answers_since: Option<Moment>,
 }
 
@@ -104,7 +105,8 @@ pub(in crate::gateway) struct BusCount {
 const CHANGED_AFTER_ATTEMPTS: u32 = 2;
 const CHANGED_AFTER_REQUESTS: u32 = 20;
 
-/// Upper bounds of the buckets of the jitter histogram, ms.
+/// Upper bounds of the buckets of the jitter histogram, ms. Jitter is the time by which a sleep of the line task ends
+/// too late.
 pub(in crate::gateway) const JITTER_MS: [f64; 7] = [0.5, 1.0, 2.0, 5.0, 10.0, 50.0, 200.0];
 
 impl DeviceHealth {

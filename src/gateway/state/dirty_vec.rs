@@ -1,4 +1,5 @@
-//! Vector that records which of its items may have changed, so that only what depends on these items is updated.
+//! Vector that records which of its items may have changed. Its user then updates only the data that depend on these
+//! items.
 
 use std::ops::{Index, IndexMut};
 

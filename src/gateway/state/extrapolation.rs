@@ -14,7 +14,8 @@ use isotherm_profile::{Profile, Unit};
 const MEASURE: &str =
     "measure a part; if such conditions are usual, identify the model again with data that include them";
 
-/// Returns a text about an extrapolation: the input that is outside, by how much, and what the axis does.
+/// Returns a text about an extrapolation: the input that is outside, the distance from its range, and the reaction of
+/// the axis.
 fn message(profile: &Profile, found: &Extrapolation) -> String {
     let farthest = farthest(profile, found, |by, unit| format!("is {by:.2} {unit} "));
     let Some((distance, reach)) = found.distance else {

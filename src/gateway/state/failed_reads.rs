@@ -7,8 +7,8 @@ use crate::fieldbus::wire::Request;
 use isotherm_core::reading::SignalId;
 use isotherm_profile::{DeviceId, Profile};
 
-/// Number of consecutive failures of one read after which the device may be lost. The count is reset when the device
-/// answers another request.
+/// Number of consecutive failures of one read after which the whole device may be lost. An answer of the device to
+/// another request resets the number.
 const OTHERS_UNKNOWN_AFTER: u8 = 3;
 
 /// Planned reads of registers of all devices.
@@ -20,17 +20,18 @@ pub(in crate::gateway) struct PlannedReads {
     of_signal: Vec<Option<usize>>,
 }
 
-/// One planned read: its request, and the size of the read for the advice in messages.
+/// One planned read: its request, and a description of its size for the advice in messages.
 #[derive(Debug)]
 struct PlannedRead {
     request: Request<'static>,
     asked: Asked,
 }
 
-/// Failed reads of one device. Empty if the device has answered the last attempt of each read with data.
+/// Reads of one device that failed at their last attempt. Empty if the last attempt of every read returned data.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub(in crate::gateway) struct FailedReads(Vec<FailedRead>);
 
+/// Read whose last attempt failed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct FailedRead {
     /// Index of the read in the list of its device.

@@ -38,7 +38,7 @@ pub(in crate::gateway) struct OutputState {
     /// position includes. For a reference position, the number has no meaning, and `Some` means that the register
     /// value is known.
     pub(in crate::gateway) cz: Option<Micron>,
-    /// Register value, in the unit of the output.
+    /// Last known register value, in the unit of the output; `None` if no value is known yet.
     pub(in crate::gateway) value: Option<f64>,
     /// Parts of the register value: operator offset (entered by the operator) and gateway share (added by the gateway),
     /// in the unit of the output. `None` if the register is not shared.
@@ -46,11 +46,12 @@ pub(in crate::gateway) struct OutputState {
     pub(in crate::gateway) verified_at: Option<Moment>,
     /// Value that the control reports as applied, in the unit of the output, and the time of the request that read it.
     pub(in crate::gateway) applied: Option<(f64, Moment)>,
-    /// Time after which a late write (unanswered so far) can no longer arrive.
+    /// Time after which an unanswered write can no longer arrive at the register. `None` if no write is unanswered.
     pub(in crate::gateway) waits_until: Option<Moment>,
     /// Whether the next change of the register must wait until `waits_until`.
     pub(in crate::gateway) is_waiting: bool,
-    /// Whether the register value is only known from the answer to the last write, because the register is not read.
+    /// Whether the device has acknowledged the last write, but the register is never read back. The register value is
+    /// then only assumed.
     pub(in crate::gateway) is_only_acknowledged: bool,
     pub(in crate::gateway) writes: u64,
     /// Number of failed requests since the last verified write.
@@ -60,6 +61,7 @@ pub(in crate::gateway) struct OutputState {
     pub(in crate::gateway) handshake: HandshakeStatus,
 }
 
+/// States of all outputs of the profile.
 #[derive(Clone, Debug)]
 pub(in crate::gateway) struct Outputs {
     profile: Arc<Profile>,
@@ -68,6 +70,7 @@ pub(in crate::gateway) struct Outputs {
     of_axis: Arc<Vec<Vec<OutputId>>>,
 }
 
+/// Status of the handshake by which the control accepts the values of an output set.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(in crate::gateway) struct HandshakeStatus {
     pub(in crate::gateway) waits: Option<Awaited>,
@@ -94,7 +97,7 @@ impl Outputs {
         }
     }
 
-    /// Returns the outputs of an axis.
+    /// Returns the indices of the outputs of an axis.
     pub(in crate::gateway) fn ids(&self, axis: usize) -> &[OutputId] {
         &self.of_axis[axis]
     }
@@ -134,7 +137,8 @@ impl Outputs {
         self.states.as_slice()
     }
 
-    /// Returns an output whose state may have changed since the last call.
+    /// Returns the next output whose state may have changed and was not returned yet; `None` if no such output
+    /// remains.
     pub(in crate::gateway) fn next_changed(&mut self) -> Option<OutputId> {
         self.states.next_changed().map(OutputId)
     }
@@ -171,13 +175,13 @@ impl HandshakeStatus {
 }
 
 impl OutputState {
-    /// Returns how long a change of the register must still wait for a late write, at most; `None` if no change
-    /// waits.
+    /// Returns the longest remaining time for which a change of the register must wait for an unanswered write.
+    /// `None` if no change waits.
     pub(in crate::gateway) fn waits(&self, now: Moment) -> Option<Duration> {
         self.waits_until.filter(|_| self.is_waiting).map(|until| until.since(now))
     }
 
-    /// Returns a note about the register value for the web page; empty if there is none.
+    /// Returns a note about the register value for the web page. The note is empty if there is nothing to report.
     pub(in crate::gateway) fn note(&self, now: Moment) -> String {
         match self.waits(now) {
             Some(span) => format!("waiting for a late write, {} s", span.as_secs()),
@@ -219,7 +223,7 @@ impl OutputState {
 }
 
 impl RegisterHealth {
-    /// Returns the name of the state on the web page and in the metrics.
+    /// Returns the name of the state, as the web page and the metrics show it.
     pub(in crate::gateway) const fn name(self) -> &'static str {
         match self {
             RegisterHealth::Unknown => "unknown",

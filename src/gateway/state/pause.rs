@@ -3,7 +3,7 @@
 
 use isotherm_core::quantity::Moment;
 
-/// Number of pauses, and the end of the last pause.
+/// Number of pauses of the computer, and the end of the last pause.
 #[derive(Clone, Copy, Debug, Default)]
 pub(in crate::gateway) struct Pauses {
     count: u64,

@@ -18,11 +18,11 @@ use super::arming::Arming;
 use super::output::{Outputs, RegisterHealth};
 use super::signal_table::SignalTable;
 
-/// Probing of one axis, and results that the next step of the axis will use.
+/// Probing (measurement of the remaining error) of one axis, and results that the next step of the axis will use.
 #[derive(Clone, Debug, Default)]
 pub(in crate::gateway) struct Probing {
     seen: Option<f64>,
-    /// Probing whose result has not been read yet.
+    /// Probing whose trigger has changed, but whose result has not been read yet.
     begun: Option<StartedProbe>,
     /// Result with which the next step of the axis corrects its model.
     pub(in crate::gateway) measured: Option<Measured>,
@@ -30,12 +30,14 @@ pub(in crate::gateway) struct Probing {
     pub(in crate::gateway) forget: bool,
 }
 
+/// Probing whose trigger has changed: the time, and the Cz that acted in the machine at this time.
 #[derive(Clone, Copy, Debug)]
 struct StartedProbe {
     at: Moment,
     acting: Option<Micron>,
 }
 
+/// Reason why the result of a probing cannot be used.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(in crate::gateway) enum MissReason {
     NoResult,

@@ -13,17 +13,18 @@ use isotherm_profile::Profile;
 
 use super::{comparison, extrapolation, stand_in};
 
-/// Number of consecutive steps with a new cause for the same state, after which the new cause is reported.
+/// Number of consecutive steps in which the same state has a new cause, after which the new cause is reported.
 const CHANGED_AFTER_STEPS: u32 = 2;
 
+/// Conditions of one axis as they were last reported.
 #[derive(Clone, Debug, Default)]
 pub(in crate::gateway) struct ReportedConditions {
     state: AxisState,
-    /// Reported cause of a state that is an alarm.
+    /// Cause of the present state that was reported as an alarm; `None` if the state is not an alarm.
     cause: Option<Cause<String>>,
     levels: Levels,
     extrapolating: bool,
-    /// Whether the model is worse than no compensation.
+    /// Whether the model was reported as worse than no compensation.
     worse: bool,
     rejected: Vec<stand_in::ReportedSensor>,
 }

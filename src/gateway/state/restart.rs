@@ -23,7 +23,7 @@ pub(in crate::gateway) struct Restarts {
     counts: Vec<u64>,
     /// Boot counters that are read on each bus line, with the last good reading of each counter.
     counters: Vec<Vec<(SignalId, Option<f64>)>>,
-    /// Last good reading of the machine's `on` signal.
+    /// Last good reading of the signal `machine.on`; `None` before the first good reading.
     was_on: Option<bool>,
 }
 
@@ -40,12 +40,12 @@ impl Restarts {
         Restarts { profile: profile.clone(), counts, counters, was_on: None }
     }
 
-    /// Returns the number of restarts that concern this output so far.
+    /// Returns the number of restarts of this output's control since the start of the gateway.
     pub(in crate::gateway) fn of(&self, id: OutputId) -> u64 {
         self.counts[id.0]
     }
 
-    /// Counts a restart that the device itself has reported.
+    /// Counts a restart for each output of a device, because the device itself has reported the restart.
     pub(in crate::gateway) fn device_restarted(&mut self, device: DeviceId) {
         self.count(|output| output.device == device);
     }

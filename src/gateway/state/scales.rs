@@ -18,13 +18,14 @@ pub(in crate::gateway) enum ScalePlace {
 #[derive(Clone, Copy, Debug)]
 pub(super) struct SignalScale {
     watch: ScaleWatch,
-    /// Exponent (power of ten) in the last answer, or the reason why that answer has no exponent.
+    /// Exponent (power of ten of the scale) in the last answer. The error is the reason why the last answer has no
+    /// exponent.
     current: Result<i8, Reason>,
     /// Value that waits for the next read of the scale. `None` if no value waits.
     waiting: Option<WaitingValue>,
     /// Number of changes of the scale so far. Each change is a break of the continuity of the signal.
     changes: u64,
-    /// Former and new exponent of a change that has not been reported yet.
+    /// Former and new exponent of a change that has not been reported yet; `None` if no change must be reported.
     unreported: Option<(i8, i8)>,
     plausibility: Plausibility,
 }
@@ -33,13 +34,13 @@ pub(super) struct SignalScale {
 /// values before the change.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Plausibility {
-    /// The scale has not changed, or a value since its last change was plausible.
+    /// The scale has not changed, or a value after its last change was plausible.
     Confirmed,
-    /// No value since the last change of the scale was plausible.
+    /// No plausible value was received since the last change of the scale.
     Open,
 }
 
-/// Value that cannot be used before its scale is read.
+/// Value as raw registers, which cannot be used before its scale is read.
 #[derive(Clone, Copy, Debug)]
 struct WaitingValue {
     raw: Encoded,

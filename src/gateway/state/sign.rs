@@ -12,7 +12,8 @@ use isotherm_core::compensation::settings::GuardSettings;
 use isotherm_core::quantity::{Micron, Moment};
 use isotherm_profile::{Profile, Writes};
 
-/// Distance of a sign check, µm. A dial gauge shows this distance clearly, and the movement does not spoil a workpiece.
+/// Distance by which a sign check changes Cz, µm. A dial gauge shows this distance clearly, and the movement does not
+/// spoil a workpiece.
 pub(in crate::gateway) const WAY: f64 = 5.0;
 /// Time in which the operator must answer, after Cz has reached the value at which the gauge is read. Without an
 /// answer, Cz returns to its earlier value.
@@ -56,7 +57,7 @@ pub(in crate::gateway) struct SignMemory {
     /// Whether the operator was reminded to check the sign of the axis.
     #[serde(default)]
     reminded: bool,
-    /// Time and result of the last check that was answered.
+    /// Time and result of the last sign check that an operator has answered. `None` if no check was answered.
     pub(in crate::gateway) checked: Option<(String, DialDirection)>,
 }
 
@@ -69,12 +70,12 @@ impl SignMemory {
 }
 
 impl SignMove {
-    /// Returns the movement that begins at this Cz, in the plus direction.
+    /// Returns the movement of a sign check from this Cz, by [`WAY`] in the plus direction.
     pub(in crate::gateway) fn beginning_at(from: Micron) -> SignMove {
         SignMove { from, to: Micron::new(from.get() + WAY).unwrap_or(from) }
     }
 
-    /// Returns the distance of the movement.
+    /// Returns the change of Cz during the movement, with its sign.
     pub(in crate::gateway) fn way(self) -> Micron {
         self.to - self.from
     }

@@ -18,12 +18,13 @@ use serde::{Deserialize, Serialize};
 /// Number of consecutive steps with a new reason, after which the new reason of a bad signal is reported.
 const CHANGED_AFTER_STEPS: u32 = 2;
 
+/// Table of all signals of the profile. Each list contains one item for each signal, in the order of the profile.
 #[derive(Debug)]
 pub(in crate::gateway) struct SignalTable {
     latest: Latest,
-    /// Filter of each signal that rejects values that change too fast.
+    /// Filter of each signal, which rejects a value that has changed too fast since the last good value.
     rates: Vec<RateFilter>,
-    /// Last value of each signal as the gateway read it, with its time.
+    /// Last value that the gateway read for each signal, before any check, with its time.
     read: Vec<Option<(Result<f64, Reason>, Moment)>>,
     /// State of each signal that is a counter; `None` for other signals.
     counters: Vec<Option<Box<CounterState>>>,
@@ -39,9 +40,11 @@ pub(in crate::gateway) struct SignalTable {
 /// State of one counter, for example of a scale that counts steps.
 #[derive(Debug, Default)]
 struct CounterState {
-    /// Position of the counter, with its rollovers added.
+    /// State of the conversion from counts to a position. The conversion adds the rollovers of the counter (restarts
+    /// after the highest count).
     tracked: Tracked,
-    /// Positions before and after the counter was set to another value. `None` after this was reported.
+    /// Positions before and after the counter was set to another value without a movement. `None` if no such change
+    /// must be reported.
     rereferenced: Option<(f64, f64)>,
 }
 
@@ -66,26 +69,27 @@ pub(in crate::gateway) struct LastGood {
     pub(in crate::gateway) exponent: Option<i8>,
 }
 
-/// Settings of one signal that are used for each reading, copied from the profile. In the profile, the signals are
-/// far apart in memory. With many signals, each access to the profile would miss the cache of the processor.
+/// Settings of one signal that are needed for each reading, copied from the profile. With many signals, each access
+/// to the profile would miss the cache of the processor, because the signals are far apart in memory.
 #[derive(Clone, Copy, Debug)]
 struct SignalRules {
     max_age: Duration,
-    /// Smallest and largest plausible value.
+    /// Smallest and largest plausible value, in the unit of the signal.
     plausible: (f64, f64),
     rate_limit: Option<f64>,
     has_fault_condition: bool,
     has_scale: bool,
 }
 
-/// Latest readings, and functions for their quality at any time.
+/// Latest readings of all signals, and functions for the quality of the readings at any time.
 #[derive(Clone, Debug)]
 pub(in crate::gateway) struct Latest {
     profile: Arc<Profile>,
     rules: Arc<[SignalRules]>,
     /// Latest reading of each signal, as the task of its bus line has stored it.
     readings: Vec<Reading>,
-    /// Reason why the latest reads of each signal failed. The last value is used until it is stale.
+    /// Reason why the latest reads of each signal failed; `None` after a successful read. The last value remains in
+    /// use until it is too old.
     failing: Vec<Option<Reason>>,
 }
 
@@ -96,7 +100,8 @@ pub(in crate::gateway) enum QualityChange {
     Lost(SignalId, Reason),
     /// The signal can be used again. The contained time is the beginning of its fault.
     Back(SignalId, Moment),
-    /// The counter was set to another value without a movement. Contains the positions before and after this.
+    /// The counter was set to another value although the machine did not move. Contains the positions before and
+    /// after the change.
     Rereferenced(SignalId, f64, f64),
     /// The device has changed the scale of the signal. Contains the former and the new power of ten.
     ScaleChanged(SignalId, i8, i8),

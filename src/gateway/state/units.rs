@@ -7,26 +7,28 @@ use isotherm_core::output::State;
 use isotherm_core::quantity::{Counts, Micron};
 use isotherm_profile::{Output, Profile, Writes};
 
-/// Number of counts per step for a floating-point register. The 24 bits of a float are exact for up to eight thousand
-/// steps.
+/// Number of counts in one step of a floating-point register. The 24-bit precision of a float is exact for up to
+/// eight thousand steps.
 const COUNTS_OF_A_STEP: f64 = 1000.0;
 /// Count that stands for a register value that is not a number. No register can hold such a large count.
 const NO_NUMBER: Counts = Counts(i64::MAX / 4);
 
-/// Conversion between counts, register values and Cz for the register of one output.
+/// Conversion between counts, register values and Cz for the register of one output. A count is the smallest change
+/// of the register value that the gateway makes.
 #[derive(Clone, Debug)]
 pub(in crate::gateway) struct Units {
     encoding: Encoding,
-    /// Unit of the register value, as text.
+    /// Unit of the register value, as text for messages.
     unit: &'static str,
-    /// Register value that corresponds to 1 µm.
+    /// Factor from Cz in µm to the register value.
     factor: f64,
-    /// Register value that corresponds to one count of a floating-point register. `None` for an integer register,
-    /// whose value is already in counts.
+    /// Size of one count of a floating-point register, in the unit of the register. `None` for an integer register,
+    /// whose values are already counts.
     grain: Option<f64>,
     bias: Counts,
-    /// Conversion of the register to a value as the control makes it. `None` if the output writes the reference
-    /// position P0, which is not a correction.
+    /// Conversion of the register to a value, as the control of the machine makes the conversion. `None` if the
+    /// output writes the reference position P0 (position at which a slope has no effect), because P0 is not a
+    /// correction.
     control: Option<ControlView>,
 }
 
@@ -90,7 +92,7 @@ impl Units {
         control.admit(encoded.registers(), self.cz(own), centre, held).map(|()| encoded)
     }
 
-    /// Returns the register value for these counts, in the unit of the register.
+    /// Returns the register value for this number of counts, in the unit of the register.
     pub(in crate::gateway) fn value(&self, counts: Counts) -> f64 {
         match self.grain {
             None => self.encoding.value_of(counts - self.bias),
@@ -124,7 +126,7 @@ impl Units {
         nearest((difference / self.worth()).abs() * 1000.0).0
     }
 
-    /// Returns the register value that corresponds to one count.
+    /// Returns the change of the register value for one count.
     fn worth(&self) -> f64 {
         self.grain.unwrap_or_else(|| self.encoding.scale.get())
     }
@@ -177,7 +179,8 @@ pub(in crate::gateway) fn part(decision: &Decision, writes: Writes) -> Micron {
     if writes == Writes::Slope { decision.slope } else { decision.cz }
 }
 
-/// Returns the target of the part that the output writes: the target of Cz, or the target of the slope's effect.
+/// Returns the target of the part that the output writes: the target of Cz, or the target of the position-dependent
+/// part (slope).
 pub(in crate::gateway) fn target(decision: &Decision, writes: Writes) -> Micron {
     if writes == Writes::Slope { decision.slope_target } else { decision.target }
 }

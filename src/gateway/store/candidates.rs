@@ -26,7 +26,7 @@ const VERSION: u64 = 1;
 struct File {
     format: String,
     version: u64,
-    /// SHA-256 of the field `offer`, as JSON without spaces.
+    /// SHA-256 of the JSON text of the field `offer`, without spaces.
     sha256: String,
     offer: Offer,
 }

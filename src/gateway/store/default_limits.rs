@@ -9,7 +9,8 @@ use isotherm_profile::{DefaultLimits, Profile, Unit};
 /// Default limits of the signals to which such limits apply, by signal name.
 pub(in crate::gateway) type KnownLimits = BTreeMap<String, DefaultLimits>;
 
-/// Returns the default limits that apply with this profile. The gateway saves them for the next run.
+/// Returns the default limits that apply to the temperature signals of this profile. The gateway saves them for the
+/// next run.
 pub(in crate::gateway) fn of(profile: &Profile) -> KnownLimits {
     let with_limits = profile.signals.iter().filter(|signal| !signal.defaults.is_empty());
     with_limits.map(|signal| (signal.name.clone(), signal.defaults)).collect()

@@ -68,8 +68,8 @@ const CHANGED_AFTER: u32 = 2;
 /// Reported cause of a failed save; `None` while saving works.
 pub(super) type DiskCause = Option<Cause<(ErrorKind, Option<i32>)>>;
 
-/// Records an error of the disk. Returns whether the error must be reported, because it is the first error or has a
-/// new cause.
+/// Records an error of the disk in `known`. Returns whether the error must be reported: it is the first error, or its
+/// cause has changed.
 pub(super) fn is_news(known: &mut DiskCause, error: &io::Error) -> bool {
     Cause::is_news(known, (error.kind(), error.raw_os_error()), CHANGED_AFTER)
 }
@@ -80,13 +80,13 @@ pub(in crate::gateway) const WHAT: &str = "the state";
 /// Content of a state document.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(in crate::gateway) struct Content {
-    /// State as JSON. `None` if no state has been saved yet.
+    /// Saved state as JSON. `None` if no state has been saved yet.
     pub(in crate::gateway) state: Option<Value>,
     /// Entries of the register ledger, by the names of the outputs.
     pub(in crate::gateway) outputs: Entries,
 }
 
-/// Saved data that a run finds at its start, and the file to which the run saves.
+/// Saved data that a run finds at its start, and the file to which this run saves its data.
 pub(in crate::gateway) struct Opened {
     /// Content of the document; `None` if there is no document. If the document is rejected, the error is a sentence
     /// with the reason.
@@ -94,12 +94,12 @@ pub(in crate::gateway) struct Opened {
     /// Layout number of files that an earlier version of isotherm has written, and a part of a sentence about them.
     /// `None` if no such files exist.
     pub(in crate::gateway) earlier: Option<(u32, String)>,
-    /// Whether this is the first run in the directory. An earlier run would have left a file.
+    /// Whether this is the first run in the directory: no earlier run has left a file there.
     pub(in crate::gateway) is_first: bool,
     pub(in crate::gateway) file: StoreFile,
 }
 
-/// Documents in a directory, before they are compared with the number in the file `NAME.number`.
+/// Documents in a directory, before their save number is compared with the number in the file `NAME.number`.
 struct FoundDocuments {
     /// Path of each file, and the extension that is added to its name before a document of this version replaces the
     /// file.
@@ -109,7 +109,7 @@ struct FoundDocuments {
     content: Result<Option<Content>, DocumentRejection>,
 }
 
-/// Returns the path of the state document.
+/// Returns the path of the state document (file with the saved state) of a machine.
 pub(in crate::gateway) fn path(directory: &Path, machine: &str) -> PathBuf {
     directory.join(format!("{machine}.state.json"))
 }
@@ -251,7 +251,8 @@ pub(in crate::gateway) fn may_start(disk: &dyn Disk, directory: &Path, machine: 
     }
 }
 
-/// Flag: the saved state is in question until an operator arms an axis. The writer and the axes share the flag.
+/// Flag that the saved state is in question: it may not be the last state of the machine. Arming by an operator
+/// clears the flag. The writer and the axes share the flag.
 #[derive(Clone, Debug, Default)]
 pub(in crate::gateway) struct OpenQuestion(Arc<AtomicBool>);
 

@@ -23,7 +23,7 @@ use isotherm_profile::{Output, Profile, Share};
 /// contains the entries of the last run, and saves new entries.
 pub(in crate::gateway) struct Ledger {
     profile: Arc<Profile>,
-    /// Clock that converts the time stamps on disk to the time of this run.
+    /// Clock that converts the time stamps on disk to the monotonic time of this run.
     clock: Clock,
     /// Writer of the state document; `None` if nothing is saved.
     writer: Option<Arc<Writer>>,
@@ -31,23 +31,24 @@ pub(in crate::gateway) struct Ledger {
     /// Whether an earlier run cannot have written to a register. Either no earlier run has left a file, or the
     /// gateway saves nothing and its caller guarantees this.
     is_first: bool,
-    /// Whether the documents on disk no longer claim that all writes of the last run have arrived.
+    /// Whether no document on disk claims any longer that all writes of the last run have arrived. The claim is wrong
+    /// as soon as this run writes to a register.
     is_unmarked: bool,
 }
 
 /// Properties of a run on which the saving of the register ledger depends.
 #[derive(Clone, Copy, Debug)]
 pub(in crate::gateway) struct LedgerRun {
-    /// Whether the run writes nothing to a register.
+    /// Whether the run is a dry run, which writes nothing to a register.
     pub(in crate::gateway) dry_run: bool,
-    /// Whether the writer uses its own thread.
+    /// Whether the writer of the state document uses a separate thread.
     pub(in crate::gateway) has_threads: bool,
 }
 
-/// Condition that must be fulfilled before a value is written to a register.
+/// Condition that must be met before the gateway writes a value to a register.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(in crate::gateway) enum SaveCondition {
-    /// The write need not wait for the disk.
+    /// The gateway may write at once, without waiting for the disk.
     Needless,
     /// The write must wait until the contained version of the document is on disk.
     Version(u64),
@@ -104,7 +105,8 @@ impl Ledger {
         (Ledger { profile, clock, writer: kept, found, is_first, is_unmarked }, writer)
     }
 
-    /// Returns the entry of an output at the start of the gateway. `None` if nothing is known about the register.
+    /// Returns the saved data of an output's register at the start of the gateway. `None` if nothing is known about
+    /// the register.
     pub(in crate::gateway) fn at_start(&self, output: &Output) -> Option<output::SavedOutput> {
         if self.is_first && !is_shared(output) {
             return Some(unwritten());
@@ -154,7 +156,7 @@ impl Ledger {
     }
 }
 
-/// Returns the saved data of a register to which no run has written.
+/// Returns the saved data of a register that no run of the gateway has written.
 fn unwritten() -> output::SavedOutput {
     output::SavedOutput { in_order: true, ..output::SavedOutput::default() }
 }

@@ -43,7 +43,8 @@ pub(super) struct UnchangedParts {
     pub(in crate::gateway) values: BTreeMap<String, LastGood>,
 }
 
-/// State in the form that is written to the document. It has the fields of [`SavedState`], but borrows their values.
+/// State in the form that is written to the document. The structure has the same fields as [`SavedState`], but
+/// borrows their values.
 #[derive(Debug, Serialize)]
 pub(super) struct StateToSave<'m> {
     at: Moment,
@@ -62,7 +63,7 @@ fn is_empty<K, V>(map: &&BTreeMap<K, V>) -> bool {
     map.is_empty()
 }
 
-/// State in the form that is read from the document.
+/// State in the form that is read from the state document.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct SavedState {
@@ -101,10 +102,11 @@ pub(in crate::gateway) struct RestoredMemory {
     pub(in crate::gateway) signs: BTreeMap<String, SignMemory>,
     /// Addresses of signals and registers of outputs in the previous run.
     pub(in crate::gateway) places: Places,
-    /// Old and new name of each output that was renamed and has the same register as before. The other fields contain
-    /// the new names.
+    /// Outputs that were renamed but have the same register as before: old name and new name. The other fields
+    /// contain the new names.
     pub(in crate::gateway) renamed: BTreeMap<String, String>,
-    /// Signals with a captured reference whose address has changed since the capture. The reference is discarded.
+    /// Signals whose address has changed since their reference was captured. The references of these signals are
+    /// discarded.
     pub(in crate::gateway) moved: BTreeMap<String, MovedPlace>,
     /// Last good values of signals with a limit of the rate of change, with their age at the start. Empty if the duration
     /// of the stop is not known.

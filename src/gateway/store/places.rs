@@ -25,7 +25,7 @@ use isotherm_profile::{AxisId, DeviceId, Output, OutputId, Profile, Share, Signa
 const WHOLE: &str = "arming makes the whole register value the gateway share, also the operator offset; to \
                      keep the operator offset, write share = \"ledger\" again";
 
-/// Registers of outputs and addresses of signals, in the form in which they are saved.
+/// Registers of outputs and addresses of signals, together called places, in the form in which they are saved.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(in crate::gateway) struct Places {
@@ -39,7 +39,8 @@ pub(in crate::gateway) struct Places {
     /// Names of the outputs whose register the gateway has read, but never written.
     #[serde(default, skip_serializing_if = "BTreeSet::is_empty")]
     only_read: BTreeSet<String>,
-    /// URIs of the namespaces that the profile refers to by index, by the address of the OPC UA server.
+    /// URIs of the OPC UA namespaces that the profile refers to by index. The key is the address of the OPC UA
+    /// server.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     namespaces: BTreeMap<String, KnownNamespaces>,
     /// Limit, step and rate for each output, by the output's name.
@@ -57,7 +58,7 @@ pub(in crate::gateway) struct Places {
 #[derive(Debug, Default)]
 pub(in crate::gateway) struct Moves {
     pub(in crate::gateway) places: Arc<Places>,
-    /// Outputs with a changed register whose new register has not been read since the start.
+    /// Outputs whose register has changed since the previous run, and whose new register has not been read yet.
     unread: Vec<OutputId>,
 }
 
@@ -432,7 +433,7 @@ impl Moves {
         is_new
     }
 
-    /// Returns whether a former register is the reason why this axis is off.
+    /// Returns whether the reason `why`, for which this axis is off, is a former register.
     pub(in crate::gateway) fn is_why(&self, axis: &str, why: &Explained) -> bool {
         let waits = |former: &&FormerPlace| former.axes.contains(axis);
         // The register value is appended to the cause as soon as it was read.

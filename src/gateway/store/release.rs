@@ -46,9 +46,10 @@ const GRAIN_OF_A_STEP: f64 = 1e-3;
 /// Former registers that are released (returned to their base values) in this run, or that can be released.
 #[derive(Clone, Debug, Default)]
 pub(in crate::gateway) struct Releases {
-    /// Former registers, each with the reason why it cannot be released; `None` if it can be released.
+    /// Former registers, each with the obstacle to its release (return to the base value). `None` if the register can
+    /// be released.
     obstacles: Vec<(OutputPlace, Option<Explained>)>,
-    /// Registers that are returning to their base values.
+    /// Registers that the gateway is returning to their base values in this run.
     pub(in crate::gateway) returning: Vec<ReturningRegister>,
     /// Registers whose release has failed while a write of the gateway could still arrive.
     pub(in crate::gateway) given_up: Vec<ReturningRegister>,
@@ -243,7 +244,7 @@ pub(super) fn layout(encoding: &Encoding) -> String {
     format!("{name}{order}{}", if encoding.byte_swap { " byte-swapped" } else { "" })
 }
 
-/// Returns the reason why a shared register cannot be released if its entry in the register ledger is uncertain.
+/// Returns the obstacle to the release of a shared register whose entry in the register ledger is uncertain.
 pub(in crate::gateway) fn in_doubt() -> Explained {
     Explained::new("it is not certain which part of this register's value the operator has entered", BY_HAND)
 }

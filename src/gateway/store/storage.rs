@@ -39,7 +39,7 @@ use thread::StorageThread;
 /// disk at the same times. After a power cut, at most the last 10 s of the logs are missing. They are the sum of this
 /// time, one step, and the delay of a slow disk.
 const REMEMBER_EVERY: Duration = Duration::from_secs(8);
-/// Maximum wait for the disk at the end of a run.
+/// Maximum time for which the gateway waits at its end until all log rows are on disk.
 const LAST_PATIENCE: Duration = Duration::from_secs(5);
 /// Maximum number of rows of the decision log that wait for a slow disk. Further rows are dropped and counted.
 const QUEUE: usize = 4096;
@@ -58,8 +58,8 @@ pub(in crate::gateway) struct Storage {
     remembered: Option<Moment>,
     /// Results of the sign checks, by axis.
     pub(in crate::gateway) signs: BTreeMap<String, SignMemory>,
-    /// Last Cz of each output in the previous run, µm. It is saved again until the register of the output has been
-    /// read.
+    /// Last Cz of each output in the previous run, µm. This run saves the Cz again until it has read the register of
+    /// the output.
     pub(in crate::gateway) left_um: BTreeMap<String, f64>,
     /// Cz of each output in the last saved state, in the order of the profile. `None` if that state contains no Cz of
     /// the output.
@@ -67,15 +67,15 @@ pub(in crate::gateway) struct Storage {
     stamps: Stamps,
     /// Day and file of the rows that are now written to the decision log. `None` before the first row.
     begun: Option<(Date, Stamped)>,
-    /// Whether rows of the decision log are missing on disk. A replay can then continue only at a row with the state
+    /// Whether rows of the decision log were lost. A replay can then continue only at a row that contains the state
     /// of the axes.
     torn: Arc<AtomicBool>,
     /// Connection from the event journal to the storage thread. New events wake the thread until the connection is
     /// dropped.
     events: Option<EventsWake>,
-    /// Channel that is disconnected when the storage thread ends.
+    /// Channel that is disconnected when the storage thread has ended.
     working: Option<Receiver<()>>,
-    /// Writer of the state.
+    /// Writer of the state document; `None` if nothing is saved.
     writer: Option<Arc<Writer>>,
 }
 
@@ -93,9 +93,10 @@ pub(in crate::gateway) fn newest_stamp(directory: &Path, machine: &str, now: Mom
     newest.iter().filter_map(|log| thread::last_stamp(log)).max()
 }
 
-/// Boxed job. The queue allocates memory for its maximum number of items at the start, so small items save memory.
+/// Job in a box. The queue allocates memory for all its items at the start, and a box is smaller than a job.
 type QueuedJob = Box<Job>;
 
+/// Job of the storage thread.
 #[derive(Debug)]
 enum Job {
     Row {
@@ -184,14 +185,16 @@ impl Storage {
         }
     }
 
-    /// Records that the operator has armed an axis. The saved state is then no longer in question.
+    /// Records that the operator has armed an axis, and has thereby accepted the saved state. The state is then no
+    /// longer in question.
     pub(in crate::gateway) fn answered(&self) {
         if let Some(writer) = &self.writer {
             writer.question().close();
         }
     }
 
-    /// Returns whether the saved state is in question until the operator arms an axis.
+    /// Returns whether the saved state is in question: it was rejected or restored from a backup, and no operator has
+    /// armed an axis since.
     pub(in crate::gateway) fn is_in_question(&self) -> bool {
         self.writer.as_ref().is_some_and(|writer| writer.question().is_open())
     }
@@ -232,7 +235,7 @@ impl Storage {
             || known.is_some_and(|known| known == written || (decided - known).abs() <= step)
     }
 
-    /// Saves the state, if this is urgent, or if the last save is long enough ago.
+    /// Saves the state if `is_urgent` is true, or if [`REMEMBER_EVERY`] has passed since the last save.
     pub(in crate::gateway) fn remember(
         &mut self,
         (now, is_urgent): (Moment, bool),

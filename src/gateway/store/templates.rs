@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use super::disk::{Disk, Files};
 use isotherm_profile::{Profile, template};
 
-/// Maximum number of reported changes of one template.
+/// Maximum number of changes of one template that an event lists.
 const SHOWN: usize = 6;
 
 /// Text of each template. The key is the name of the template.

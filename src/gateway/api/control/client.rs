@@ -21,7 +21,7 @@ use isotherm_core::compensation::MeasuredReport;
 const UNDER_WAY: Duration = Duration::from_millis(250);
 /// Interval between attempts to connect to a gateway whose queue of connections is full.
 const ASK_AGAIN: Duration = Duration::from_millis(50);
-/// Maximum time in which the running gateway saves its state, and another program replaces it.
+/// Maximum time for the replacement of the running gateway: it saves its state, and the other program starts.
 const REPLACED_WITHIN: Duration = Duration::from_secs(120);
 
 /// Reason why a request to the running gateway failed.
@@ -153,8 +153,8 @@ pub fn release(
 struct Process(OwnedFd);
 
 impl Process {
-    /// Returns the process at the other end of the connection. `None` if this program cannot see the process, for
-    /// example because one of the two runs inside a container.
+    /// Returns a handle of the process at the other end of the connection. `None` if this program cannot see that
+    /// process, for example because one of the two runs inside a container.
     fn behind(stream: &UnixStream) -> Option<Process> {
         let peer = socket_peercred(stream).ok()?;
         pidfd_open(peer.pid, PidfdFlags::empty()).ok().map(Process)

@@ -27,9 +27,9 @@ use crate::observe::status::{Answer, ReleaseRequest};
 
 const RESTART: &str = "restart";
 const RELEASE: &str = "release ";
-/// Beginning of the words with the register values that the operator has seen.
+/// Text before the register values that the operator has seen, in a `release` request.
 const SEEN: &str = " seen=";
-/// Beginning of the word that contains the maximum time for the check, in seconds.
+/// Text before the maximum time for the check, in seconds.
 const WITHIN: &str = " within=";
 /// Maximum time that a client may set for the check of the profile.
 const LONGEST_CHECK: Duration = Duration::from_secs(600);

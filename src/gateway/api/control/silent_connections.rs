@@ -10,11 +10,11 @@ use tokio::sync::{OwnedSemaphorePermit, Semaphore};
 
 use crate::clock::BootClock;
 
-/// Factor for the time that a connection may stay silent: this value times the limit of connections. A client sends
-/// its line directly after it has connected. If its connection was closed before, the client connects again. The time
-/// is short, so that silent connections delay a command only a little.
+/// Time for which a connection may stay silent, divided by the maximum number of connections. A client sends its line
+/// directly after it has connected. If its connection was closed before, the client connects again. The time is
+/// short, so that silent connections delay a command only a little.
 const GRACE_OF_A_PLACE: Duration = Duration::from_micros(250);
-/// Maximum time after which a closed connection has returned its permit.
+/// Maximum time from the closing of a connection until its permit is free again.
 const RETURNED: Duration = Duration::from_millis(10);
 
 /// List of silent connections, oldest first.
@@ -49,9 +49,9 @@ impl SilentConnections {
         closed
     }
 
-    /// Returns a permit for a connection. If no permit is free, closes the oldest silent connection, or waits until a
-    /// permit is free. Returns `None` if the semaphore is closed, which does not happen while the command socket is
-    /// open.
+    /// Returns a permit for a connection. While no permit is free, closes the oldest silent connection that has
+    /// exceeded its time, and waits. Returns `None` if the semaphore is closed, which does not happen while the
+    /// command socket is open.
     pub(super) async fn place(&self, places: &Arc<Semaphore>) -> Option<OwnedSemaphorePermit> {
         loop {
             if let Ok(place) = places.clone().try_acquire_owned() {
@@ -64,8 +64,8 @@ impl SilentConnections {
         }
     }
 
-    /// Closes the oldest silent connection if it has been silent for too long. Returns how long to wait for a permit
-    /// before the next attempt.
+    /// Closes the oldest silent connection if it has been silent for too long. Returns the time for which the caller
+    /// must wait for a permit before its next attempt.
     fn close_oldest(&self) -> Duration {
         let now = self.clock.passed();
         self.with(|entries| {

@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-/// Flag that marks a socket that accepts connections, in the kernel's list of sockets.
+/// Flag in the kernel's list of sockets: the socket accepts connections.
 const ACCEPTS: u32 = 0x1_0000;
 
 /// Returns the path of the command socket of a machine.

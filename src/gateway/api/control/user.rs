@@ -46,7 +46,7 @@ fn named(list: &str, number: u32) -> Option<String> {
     found(&list, number).map(|name| one_line(name).into_owned())
 }
 
-/// Finds the name of the user or group with this number in lines of the form `name:x:1000:…`.
+/// Finds the name of the user or group with this number. `list` consists of lines of the form `name:x:1000:…`.
 fn found(list: &str, number: u32) -> Option<&str> {
     list.lines().find_map(|line| {
         let mut fields = line.split(':');

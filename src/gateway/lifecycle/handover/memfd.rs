@@ -36,7 +36,7 @@ use isotherm_profile::{SOURCES_MARK, sha256, sha256_of};
 mod tests;
 
 const NAME: &str = "isotherm-handover";
-/// Maximum size of a document, in bytes.
+/// Maximum size of the document of a handover, in bytes.
 const LARGEST: u64 = 16 * 1024 * 1024;
 /// Size of the number at the end of the memfd, in bytes. The number is the length of the document.
 const TRAILER: u64 = 8;
@@ -172,7 +172,8 @@ impl Handover {
 /// checked yet.
 #[derive(Debug)]
 pub struct Arrival {
-    /// Received handover, or the reason why it is rejected. `None` after an ordinary start.
+    /// Received handover, or the reason why it is rejected. `None` if standard input contains no handover, as after
+    /// an ordinary start.
     found: Option<Result<ReceivedHandover, String>>,
 }
 

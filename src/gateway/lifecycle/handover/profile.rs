@@ -17,9 +17,9 @@ use serde::{Deserialize, Serialize};
 use super::memory;
 use isotherm_profile::{SOURCES_MARK, Sources, sha256_of};
 
-/// Name of the memfd to which a check writes the sources.
+/// Name of the memfd (kernel memory) to which a checking program writes the sources of its profile.
 const ANSWER: &str = "isotherm-checked";
-/// Name of the memfd with the sources of the running profile.
+/// Name of the memfd (kernel memory) with the sources of the running profile.
 const OWN: &str = "isotherm-profile";
 /// Maximum size of the sources of one profile, in bytes.
 pub(super) const LARGEST: u64 = 256 * 1024 * 1024;

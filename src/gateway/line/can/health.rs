@@ -7,9 +7,10 @@ use crate::fieldbus::kinds::can::{ErrorFrame, ErrorSeverity};
 use isotherm_core::explained::Explained;
 use isotherm_core::quantity::Moment;
 
-/// Time without a new occurrence after which a trouble counts as over.
+/// Time without a new occurrence after which the gateway reports that the trouble is over.
 const OVER_AFTER: Duration = Duration::from_secs(10);
 
+/// Counters of trouble on one CAN bus. An episode is one period of trouble.
 #[derive(Debug, Default)]
 pub(super) struct Health {
     errors: Option<Episode>,
@@ -32,11 +33,13 @@ struct Meter {
     episode: Option<Episode>,
 }
 
+/// Change of the health of a CAN bus that must be reported.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) enum HealthChange {
     /// Trouble begins, or has become worse. `is_off`: the interface is bus-off, so it no longer takes part in the bus.
     Worse { what: Explained, is_off: bool },
-    /// Trouble is over: how often it occurred, its kind, and the time between first and last occurrence.
+    /// Trouble is over. `count`: number of occurrences. `what`: kind of trouble. `within`: time between first and
+    /// last occurrence.
     Over { count: u64, what: &'static str, within: Duration },
 }
 

@@ -34,12 +34,14 @@ const SEND_AGAIN: Duration = Duration::from_millis(5);
 const MEASURE_EVERY: Duration = Duration::from_secs(1);
 /// Maximum number of frames that wait for space in the send queue of the interface: one for each possible node.
 const MOST_UNSENT: usize = 128;
-/// Delay until the next action if no action has a time. It is longer than any other delay.
+/// Delay until the next action if no action is scheduled. It is longer than any other delay.
 const LONG: Duration = Duration::from_secs(3600);
 
 const DOWN: Fault = Fault::Link(LinkFault::Can(CanFault::Down));
 const FULL: Fault = Fault::Link(LinkFault::Can(CanFault::Full));
 
+/// Listener of one CAN line: receives its frames, sends the frames of the CANopen master, and keeps the interface
+/// open.
 pub(in crate::gateway) struct CanListener {
     shared: LineHandle,
     bus: BusId,
@@ -50,7 +52,7 @@ pub(in crate::gateway) struct CanListener {
     health: Health,
     unsent: VecDeque<Frame>,
     socket: Option<(Arc<Socket>, Option<SocketGate>)>,
-    /// Whether the network interface can send and receive frames.
+    /// Whether the network interface is up, so that it can send and receive frames.
     is_up: bool,
     tap: Tap,
     /// Time of the next read of the socket's counters (full send queues, lost frames).
@@ -136,8 +138,8 @@ impl CanListener {
         }
     }
 
-    /// Processes all received frames and all actions that are due. Returns the time at which the caller must call
-    /// this function again.
+    /// Processes all received frames, and carries out all actions that are due. Returns the time at which the caller
+    /// must call this function again.
     fn sample(&mut self) -> Moment {
         // A frame to be sent may be the first to find the interface down. Receiving reports nothing in that case.
         if let Some(fault) = self.can.link.fault().filter(|_| self.is_up) {
@@ -190,8 +192,8 @@ impl CanListener {
         }
     }
 
-    /// Discards all received frames. Returns the fault that the socket has reported meanwhile, if the interface still
-    /// has it.
+    /// Discards all received frames. Returns the fault that the socket has reported during the call. `None` if the
+    /// socket has reported no fault, or if the interface is up again.
     fn discard(&self) -> Option<Fault> {
         let (socket, _) = self.socket.as_ref()?;
         let mut fault = None;
@@ -285,7 +287,8 @@ impl CanListener {
         self.is_without(fault);
     }
 
-    /// Handles a missing interface. Reports the loss once, and stores it as the cause of the devices' bad readings.
+    /// Handles a missing interface. Reports the loss once. The devices on the line get this fault as the cause of
+    /// their bad readings.
     fn is_without(&mut self, fault: Fault) {
         if self.can.link.socket().is_none() {
             self.socket = None;
@@ -337,7 +340,8 @@ impl CanListener {
         device_health.answers(device, now, events);
     }
 
-    /// Carries out the reactions to a received frame or to an elapsed timeout.
+    /// Carries out the reactions to a received frame or to an elapsed timeout, for example sends a frame or reports a
+    /// lost node.
     fn react(&mut self, reactions: Vec<Reaction>) {
         for reaction in reactions {
             match reaction {

@@ -16,6 +16,7 @@ use isotherm_profile::{BusId, CanDevice, DeviceId, Profile, Sync};
 /// Maximum number of emergency codes that are recorded for one device.
 const MOST_CODES: usize = 16;
 
+/// Supervision of all devices of one CAN line.
 #[derive(Debug)]
 pub(super) struct Nodes {
     settings: Vec<(NodeId, Supervision)>,
@@ -39,17 +40,17 @@ struct Silence {
     is_lost: bool,
 }
 
-/// Reaction to a received frame or to an elapsed time.
+/// Action or report that the listener must carry out after a received frame or an elapsed timeout.
 #[derive(Debug)]
 pub(super) enum Reaction {
     Send(Frame),
     Node(DeviceId, NodeEvent),
-    /// A device without a heartbeat has sent nothing for the contained time. The `bool` is false if it has never sent
-    /// a frame.
+    /// A device without a heartbeat has sent nothing for the contained time. The `bool` is whether the gateway has
+    /// received a frame of the device before.
     Silent(DeviceId, Duration, bool),
     /// The device has sent an emergency message with a code that was not reported yet.
     Emergency(DeviceId, Emergency),
-    /// All reported emergencies of the device are over. The number is the count of emergency messages that it has
+    /// All reported emergencies of the device are over. Contains the number of emergency messages that the device had
     /// sent.
     EmergencyOver(DeviceId, u64),
 }
@@ -132,7 +133,7 @@ impl Nodes {
         self.follow()
     }
 
-    /// Handles timeouts that have elapsed until `now`. `set_up` contains the devices whose setup list has been
+    /// Handles the timeouts that have elapsed at `now`. `set_up` contains the devices whose setup list has been
     /// written.
     pub(super) fn tick(&mut self, set_up: Vec<DeviceId>, now: Moment) -> Vec<Reaction> {
         for device in set_up {
@@ -199,8 +200,8 @@ impl Silence {
     }
 }
 
-/// Returns the condition under which the master starts a device. A device with a setup list or with checks is started
-/// after these.
+/// Returns the condition under which the master starts a device. The master starts a device with a setup list or
+/// checks only after these are done.
 fn start(can: &CanDevice, is_unchecked: bool) -> Start {
     match can.start {
         false => Start::Never,

@@ -6,13 +6,15 @@ use isotherm_core::codec::{Address, CanId, CanMatch, Field};
 use isotherm_core::reading::SignalId;
 use isotherm_profile::{BusId, DeviceId, Profile, Writes};
 
-/// Routes by CAN identifier. The list `wide` contains the routes that match several identifiers.
+/// Routes by CAN identifier. The map `exact` contains the routes with one identifier. The list `wide` contains the
+/// routes that match several identifiers.
 #[derive(Debug, Default)]
 pub(super) struct Routes {
     exact: HashMap<CanId, Vec<Route>>,
     wide: Vec<Route>,
 }
 
+/// Route of one signal: the part of a CAN frame that contains its value, and the bus lines that need the value.
 #[derive(Debug)]
 pub(super) struct Route {
     pub(super) device: DeviceId,
@@ -49,7 +51,7 @@ impl Routes {
         self.exact.get(&id).into_iter().flatten().chain(wide)
     }
 
-    /// Returns the filters for the frames of all routes, each once.
+    /// Returns the filters for the frames of all routes, without duplicates.
     pub(super) fn wanted(&self) -> impl Iterator<Item = CanMatch> {
         let exact = self.exact.keys().copied().map(CanMatch::exactly);
         let mut wide: Vec<CanMatch> = self.wide.iter().map(|route| route.field.frames).collect();
@@ -71,8 +73,8 @@ impl Routes {
     }
 }
 
-/// Returns the bus lines to wake when a signal was received. These are the lines of the outputs that correct this
-/// position signal. If a probing cycle needs the signal, they are all lines.
+/// Returns the bus lines that the gateway wakes when it has received the signal. If a probing cycle needs the signal,
+/// the result contains all lines. Otherwise, it contains the lines of the outputs that correct this position signal.
 fn wakes(profile: &Profile, id: SignalId) -> Vec<BusId> {
     let is_corrected = |writes| matches!(writes, Writes::Corrected { position } if position == id);
     let outputs = profile.outputs.iter().filter(|output| is_corrected(output.writes));

@@ -20,17 +20,18 @@ use isotherm_profile::{BusId, Heartbeat, Profile};
 
 /// Number of consecutive failures with another cause than the reported one, after which the new cause is reported.
 const CHANGED_AFTER: u32 = 20;
-/// Number of consecutive unanswered heartbeats after which the failure is reported, if the device answers all other
-/// requests.
+/// Number of consecutive unanswered heartbeats after which the task reports the failure, although the device answers
+/// all other requests.
 const DEAF: u32 = 3;
 
+/// Writes the heartbeat of one bus line, and reports its failures.
 pub(super) struct HeartbeatTask {
     heartbeat: Heartbeat,
     pub(super) due: Moment,
     controller: HeartbeatController,
     /// Number of consecutive heartbeats that could not be written.
     missed: u32,
-    /// Fault that was reported last. `None` if no fault was reported, or if the end of the fault was reported, too.
+    /// Fault that was reported last. `None` if no fault was reported, or if the end of the last fault was reported.
     reported: Option<Cause<Fault>>,
 }
 
@@ -72,8 +73,8 @@ impl HeartbeatTask {
         }
     }
 
-    /// Reports that the device refuses the heartbeat, or does not answer it although the device answers other
-    /// requests. Every failed heartbeat is counted for the device. Other code reports the loss of the device.
+    /// Reports that the device refuses the heartbeat, or does not answer it although it answers other requests.
+    /// Counts each failed heartbeat as a failed request of the device. Other code reports a lost device.
     fn report(&mut self, shared: &LineHandle, sent: Option<Fault>) {
         let Some(fault) = sent.filter(|fault| !fault.has_lapsed()) else {
             if sent.is_none() {

@@ -15,15 +15,15 @@ const SOON: Duration = Duration::from_millis(100);
 
 /// Work of a line task on one output, or on an output set (outputs that are written together).
 pub(super) struct OutputTask {
-    /// Time at which the line task works on the output again. If this time is in the past, the output has waited
-    /// since then.
+    /// Time of the next turn of the output (work of the line task on it). If the time is in the past, the output has
+    /// waited since then.
     pub(super) due: Moment,
-    /// Time at which the output was due, if the line task came too late to send the last decision. The next decision
-    /// then has priority, because the output counts as due since this time.
+    /// Time at which the output was due, if the line task came too late to send the last decision; otherwise `None`.
+    /// The next decision then has priority, because the output counts as due since this time.
     waits_since: Option<Moment>,
     work: Work,
-    /// Device with the position that the output corrects. Such an output has priority over reads, checks and other
-    /// outputs.
+    /// Device from which the gateway reads the position that the output corrects. `None` for another kind of output.
+    /// An output that corrects a position has priority over reads, checks and other outputs.
     pub(super) corrects: Option<DeviceId>,
 }
 
@@ -55,7 +55,7 @@ pub(super) fn jobs(shared: &LineHandle, bus: BusId, start: Moment) -> Vec<Output
 }
 
 impl OutputTask {
-    /// Makes the output due, because a write or a check of the output may be necessary.
+    /// Makes the output due now, because the gateway may have to write or check its register.
     pub(super) fn wake(&mut self, now: Moment) {
         self.due = self.due.min(self.waits_since.unwrap_or(now));
     }

@@ -17,8 +17,8 @@ use isotherm_core::reading::Reason;
 use isotherm_profile::plan::ReadRequest;
 use isotherm_profile::{BusId, Capture, Device, DeviceId, Profile, Signal};
 
-/// Maximum number of repeated requests in one round of reads. A repetition is necessary, because a single lost answer
-/// does not show that the device is lost.
+/// Maximum number of repeated requests in one round of reads. The gateway repeats a request because a single lost
+/// answer does not show that the device is lost.
 const REPEATS: u32 = 3;
 
 /// Reads of one device: the requests, and the times at which they are due.
@@ -27,8 +27,8 @@ pub(super) struct Poll {
     pub(super) every: Duration,
     /// Time at which the next round of requests begins.
     next: Moment,
-    /// Round that has begun: the time at which the round was due, and the index of its next request. `None` between
-    /// two rounds.
+    /// Round of requests that has begun: the time at which it was due, and the index of its next request. `None`
+    /// between two rounds.
     under_way: Option<(Moment, usize)>,
     /// Time at which the task repeats an unanswered request; `None` if no request must be repeated. `repeats`: number
     /// of repetitions in this round.
@@ -40,7 +40,8 @@ pub(super) struct Poll {
     pub(super) has_been_read: bool,
     /// Whether an answer was discarded because the device had not passed its checks at that time.
     is_discarded: bool,
-    /// Start of the last round of reads. `max_age`: shortest `max_age` of the readings in the round.
+    /// Start of the last round of reads (`read_at`), and the shortest `max_age` of the signals of the device
+    /// (`max_age`).
     read_at: Moment,
     max_age: Duration,
     captures: Captures,
@@ -87,7 +88,7 @@ impl Poll {
         self.again.or(self.under_way.map(|(due, _)| due)).unwrap_or(self.next)
     }
 
-    /// Returns whether the device was due at `by`, but has not been read completely since then.
+    /// Returns whether the device was due at the time `by`, and its round of reads is not complete yet.
     pub(super) fn is_outstanding(&self, by: Moment) -> bool {
         let has_been_read = self.has_been_read && self.under_way.is_none() && self.read_at >= by;
         self.due() <= by && !has_been_read
@@ -102,8 +103,8 @@ impl Poll {
         now.since(self.read_at) >= self.max_age / 2
     }
 
-    /// Returns the next request if it is due at `by`. `None` if the request is a repetition, or if a capture command
-    /// must be sent first.
+    /// Returns the next request if it is due at the time `by`. `None` if the request repeats an unanswered request,
+    /// or if a capture command must be sent first.
     pub(super) fn asks_next(&self, by: Moment) -> Option<(DeviceId, Request<'static>)> {
         let place = self.under_way.map_or(0, |(_, place)| place);
         let is_plain = self.again.is_none() && (place > 0 || self.captures.is_empty());

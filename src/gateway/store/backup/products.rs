@@ -8,19 +8,19 @@ use std::path::Path;
 use crate::gateway::store::candidates;
 use isotherm_profile::safe_file;
 
-/// Maximum size of one file, in bytes.
+/// Maximum size of one file of learning, in bytes.
 const LARGEST_FILE: u64 = 16 * 1024 * 1024;
-/// Maximum length of a file name, in bytes. A name in an archive of the format ustar cannot be longer.
+/// Maximum length of a file name, in bytes. The names in a backup archive (format ustar) cannot be longer.
 const LONGEST_NAME: usize = 100;
-/// Last part of the name of a file with the products of a run.
+/// End of the name of a file with the products (results) of one run.
 const RUN: &str = ".products.json";
-/// Last parts of the names of the other files. Each axis has one file of each kind.
+/// Ends of the names of the other files: the judged days and the candidate. Each axis has one file of each kind.
 const OTHERS: [&str; 2] = [".learning.json", ".candidate.json"];
 
-/// Maximum number and size of the files of learning in a backup.
+/// Limits for the files of learning in a backup: their number and their total size.
 #[derive(Clone, Copy, Debug)]
 pub struct Limits {
-    /// Maximum number of files.
+    /// Maximum number of files of learning.
     pub files: usize,
     /// Maximum total size of the files, in bytes.
     pub bytes: u64,
@@ -33,7 +33,7 @@ pub struct TakenProducts {
     pub files: Vec<(String, Vec<u8>)>,
     /// Number of the oldest runs that the backup does not contain, because the limits are reached.
     pub older: usize,
-    /// Sentences about files that cannot be saved.
+    /// Sentences for the operator about files that cannot be part of the backup.
     pub unusable: Vec<String>,
 }
 
@@ -78,7 +78,7 @@ pub fn is_name(name: &str) -> bool {
     has_ending && name.len() <= LONGEST_NAME && !name.starts_with('.') && name.chars().all(is_safe)
 }
 
-/// Returns the names of the files in the directory. The list is empty if the directory does not exist.
+/// Returns the names of the files in the directory `place`. The list is empty if the directory does not exist.
 fn names(place: &Path) -> Result<Vec<String>, String> {
     let wrong = |error: std::io::Error| format!("{} cannot be read: {error}", place.display());
     let entries = match std::fs::read_dir(place) {

@@ -18,7 +18,7 @@ pub(super) const VERSION: u32 = 6;
 const WITHOUT_PLACES: u32 = 5;
 /// CRC-32 as in Ethernet and gzip (ITU-T V.42).
 const CHECKSUM: Crc<u32, Table<16>> = Crc::<u32, Table<16>>::new(&CRC_32_ISO_HDLC);
-/// Digits in place of the checksum while it is calculated.
+/// Digits that replace the checksum in the document while the checksum is calculated.
 const UNSEALED: &str = "00000000";
 /// Key of the checksum in the document. No name can contain it, because a quotation mark in a name is escaped.
 const KEY: &[u8] = b"\"checksum\":";

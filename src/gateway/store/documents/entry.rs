@@ -8,7 +8,7 @@ use isotherm_core::output;
 use isotherm_core::place::OutputPlace;
 use isotherm_core::quantity::Counts;
 
-/// Maximum number of counts in a valid entry. It is larger than the value of any register.
+/// Maximum number of counts in a valid entry. The limit is larger than any register value.
 const MOST: u64 = 1 << 40;
 
 /// Entries of the register ledger, by the names of the outputs.

@@ -25,19 +25,19 @@ pub(in crate::gateway) struct StoreFile {
     /// State and outputs as JSON. `state` is empty until a state is saved for the first time.
     state: Vec<u8>,
     outputs: BTreeMap<String, Vec<u8>>,
-    /// Files that must be kept under another name before the document is replaced: old path and new path.
+    /// Files that get a second name (hard link) before the document is replaced: path and second name.
     aside: Vec<(PathBuf, PathBuf)>,
     /// Files of an earlier version of isotherm, which are removed after the first save.
     former: Vec<PathBuf>,
-    /// Whether the save number must be written with the next document.
+    /// Whether the next save must also write the save number to `NAME.number`.
     is_number_due: bool,
     /// Whether a later version of isotherm has written the document on disk. Such a document is never replaced.
     is_of_a_later_version: bool,
 }
 
 impl StoreFile {
-    /// Creates the files of a run that has not saved anything yet. `aside`: files that are renamed before the first
-    /// save. `former`: files that are removed after the first save.
+    /// Creates the files of a run that has not saved anything yet. `aside`: files that get a second name before
+    /// the first save. `former`: files that are removed after the first save.
     pub(super) fn new(
         disk: Arc<dyn Disk>,
         (document, number): (PathBuf, PathBuf),

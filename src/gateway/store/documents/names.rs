@@ -21,8 +21,8 @@ const LEARNED_TERMS: [&str; 3] = [
     "/preference/waiting/to/learned/terms",
 ];
 
-/// State of the compensation with the names of signals and axes. Long lists (one item for each signal) are written
-/// without a copy, because a machine may have thousands of signals.
+/// Form of the saved compensation state with the names of signals and axes in place of their indices. Long lists (one
+/// item for each signal) are written without a copy, because a machine may have thousands of signals.
 #[derive(Debug)]
 pub(in crate::gateway) struct NamedMachine<'n> {
     rest: Value,
@@ -31,7 +31,7 @@ pub(in crate::gateway) struct NamedMachine<'n> {
     signals: Vec<&'n str>,
 }
 
-/// Names of the signals, and a list with one value for each signal.
+/// Pairs of names and values for JSON: the names of the signals, and a list with one value for each signal.
 struct ByName<'n, T>(&'n [&'n str], &'n [T]);
 
 impl<'n> NamedMachine<'n> {
@@ -104,7 +104,8 @@ pub(in crate::gateway) fn by_place(machine: &mut Value, signals: &[&str]) {
     machine["axes"] = axes.into_iter().map(|(_, axis)| axis).collect();
 }
 
-/// Applies `by` to each signal in the state of an axis: in its lags, in models with stand-ins, and in learned models.
+/// Replaces each signal in the state of an axis by the result of `by`: in its lags, in models with stand-ins, and in
+/// learned models. Removes a lag or a stand-in if `by` returns `None`.
 fn replace_signals(axis: &mut Value, by: impl Fn(&Value) -> Option<Value>) {
     let replace = |signal: &mut Value| by(signal).map(|other| *signal = other).is_some();
     if let Some(lags) = axis["lags"].as_array_mut() {

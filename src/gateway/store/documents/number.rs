@@ -11,7 +11,7 @@ use super::read;
 use crate::gateway::store::disk::Disk;
 use isotherm_core::quantity::Moment;
 
-/// Content of `NAME.number`: the save number of the last saved document.
+/// Content of the file `NAME.number`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(in crate::gateway) struct Number {
     pub(in crate::gateway) number: u64,

@@ -25,7 +25,7 @@ const OTHERWISE: &str = "shared and unreadable registers are not written; after 
 /// Result of saving one version of the document.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(in crate::gateway) enum SaveResult {
-    /// This version, or a newer one, is on disk.
+    /// The requested version, or a newer version, is on disk.
     Yes,
     /// The version is not on disk yet.
     NotYet,
@@ -36,11 +36,12 @@ pub(in crate::gateway) enum SaveResult {
 /// Writer of the state document. A separate thread saves the document. In a simulation, the caller saves it.
 pub(in crate::gateway) struct Writer {
     shared: Arc<Shared>,
-    /// File to which the caller saves; `None` if a separate thread saves.
+    /// File to which the caller of the writer saves; `None` if a separate thread saves.
     here: Option<Mutex<Saving>>,
     done: watch::Receiver<SavedVersions>,
     question: OpenQuestion,
-    /// Whether the last wait for the disk timed out. Further calls then do not wait until the disk has answered.
+    /// Whether the last wait for the disk timed out. If so, further calls do not wait for the disk until it has
+    /// answered.
     is_slow: AtomicBool,
 }
 
@@ -53,7 +54,7 @@ struct SavedVersions {
     settled: u64,
 }
 
-/// State that the thread and its owner share.
+/// State that the writer shares with its thread.
 #[derive(Default)]
 struct Shared {
     newest: Mutex<PendingChanges>,

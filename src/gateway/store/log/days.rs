@@ -40,7 +40,7 @@ pub fn is_text(column: &str, columns: &[&str]) -> bool {
         || [PERMIT, model, state, acted, STOOD_IN, PREFERRED].into_iter().any(is_of_an_axis)
 }
 
-/// Returns whether only a replay uses this log column.
+/// Returns whether a log column is only useful for a replay (calculation of the decisions from the log).
 pub fn is_for_replay(column: &str) -> bool {
     column == MEMORY
 }

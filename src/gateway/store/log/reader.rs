@@ -23,26 +23,26 @@ use isotherm_profile::{Axis, Profile};
 /// Column for the measured error of an axis, in a log that another program has written.
 const ERROR: &str = "error_um";
 
-/// Error in a log, with its position.
+/// Error in a log file, with its line and column.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{file}, line {line}{}: {message}", .column.as_ref().map(|name| format!(", column {name}")).unwrap_or_default())]
 pub struct LogError {
-    /// Name of the log.
+    /// Name of the log file.
     pub file: String,
     /// Number of the line in the file. The header is line 1.
     pub line: u64,
     /// Name of the log column; `None` if the error belongs to no column.
     pub column: Option<String>,
-    /// Cause of the error, in words.
+    /// Cause of the error, as a text for users.
     pub message: String,
 }
 
-/// Properties of a log file that are not in its rows.
+/// Properties of a log file that the reader needs in addition to the rows.
 #[derive(Clone, Debug, Default)]
 pub struct Recording<'a> {
     /// Name of the log, as messages show it.
     pub name: &'a str,
-    /// Time zone for times without an offset from UTC. With `None`, such times are rejected.
+    /// Time zone of times without an offset from UTC. With `None`, the reader rejects such times.
     pub zone: Option<TimeZone>,
     /// Decimal mark of the numbers. With `None`, the mark is detected from the numbers.
     pub decimal: Option<DecimalMark>,
@@ -58,7 +58,7 @@ pub struct Recording<'a> {
     /// Lines with an implausible value, for each column of measured errors. Such a value was not measured by a
     /// sensor. The lines are in ascending order.
     pub implausible: HashMap<String, Vec<u64>>,
-    /// Warnings about the file from the time before its rows are read.
+    /// Warnings about the file that were found before the rows are read.
     pub remarks: Vec<String>,
 }
 
@@ -106,7 +106,8 @@ pub struct LogRow {
 pub struct LoggedDecision {
     /// Cz that the model requested, µm.
     pub raw: Option<f64>,
-    /// Cz after the limits of the axis (limit, deadband, step, rate, rounding), µm.
+    /// Cz after the limits of the axis, µm. These limits are `limit`, `deadband`, `step`, `rate` and the rounding to
+    /// counts.
     pub cz: f64,
     /// Name of the model.
     pub model: String,
@@ -129,10 +130,11 @@ pub struct LogReader<R> {
     csv: csv::Reader<Lines<R>>,
     file: String,
     dialect: Dialect,
-    /// Whether numbers have a decimal point: commas separate the columns, and no decimal mark was set.
+    /// Whether numbers always have a decimal point: commas separate the columns, and the user has set no decimal
+    /// mark.
     has_points: bool,
     names: Vec<String>,
-    /// Conversion of the unit for each column whose name contains a unit.
+    /// Unit conversion of each column whose name contains a unit.
     conversions: Vec<Conversion>,
     /// Number of lines of the file that were removed before the reader receives the text.
     left_out: u64,
@@ -177,9 +179,9 @@ struct AxisColumns {
     preferred: Option<usize>,
 }
 
-/// Limit of a measured error, µm. A larger number means that no error was measured: some loggers write such a number.
+/// Limit of a measured error, µm. Some loggers write a larger number if no error was measured.
 const NO_ERROR: f64 = 1e6;
-/// Limit for a number of seconds since 1970. From this number on (the year 1980), it is converted to a date.
+/// Smallest number of seconds since 1970 that is shown as a date. The number belongs to the year 1980.
 const FIRST_DATE: u64 = 315_532_800;
 
 /// Maximum number of warnings. Without this limit, a log with a wrong clock would give one warning for each row.
@@ -331,8 +333,8 @@ impl<R: Read> LogReader<R> {
         }
     }
 
-    /// Replaces decimal commas in the log row by points, unless commas separate the columns. The time is parsed
-    /// separately.
+    /// Replaces decimal commas in the log row by points, unless commas separate the columns. The column with the time
+    /// is not changed.
     fn point(&mut self) -> Result<(), LogError> {
         if self.has_points {
             return Ok(());

@@ -130,7 +130,8 @@ impl Recorder {
         (self.shift, self.correction) = (shift, correction);
     }
 
-    /// Marks the next row as the first row of a run or of a file. The run or file begins with the state `remembered`.
+    /// Marks the next row as the first row of a run or of a file. The row then also contains `remembered`, the saved
+    /// state at this time.
     pub fn begin(&mut self, remembered: &Remembered) {
         self.memory =
             serde_json::to_string(&remembered.clone().shifted(self.shift)).ok().map(|json| cell(&json));

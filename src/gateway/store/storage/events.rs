@@ -113,7 +113,7 @@ impl EventsFile {
     }
 }
 
-/// Creates an entry for `event` with the time of another entry.
+/// Creates an entry of the event journal for `event`, with the time of `entry`.
 fn beside(entry: &Entry, event: &Event) -> Entry {
     Entry { at: entry.at.clone(), ..event.entry(Moment::default()) }
 }

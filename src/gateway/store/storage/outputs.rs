@@ -21,7 +21,7 @@ use isotherm_profile::{OutputId, Profile, SetId};
 /// Time for which repeated writes are counted. Then a row of the output log contains their number.
 const COUNTED_FOR: Duration = Duration::from_secs(60);
 
-/// Input that the controller of an output has received, with the controller before and after it.
+/// Input that the controller of an output has received, with the states of the controller before and after the input.
 #[derive(Debug)]
 pub(in crate::gateway) struct OutputTransition<'a> {
     pub(in crate::gateway) id: OutputId,
@@ -43,7 +43,7 @@ pub(in crate::gateway) struct TurnRecord {
     pub(in crate::gateway) after: ControllerState,
 }
 
-/// Kind of write that is repeated regularly, whatever the last result was.
+/// Kind of write that the gateway repeats regularly, even after a successful write. The log counts such writes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(in crate::gateway) enum CountedWrite {
     /// Output that writes a position plus Cz, or the value of a display.
@@ -94,7 +94,7 @@ pub(in crate::gateway) struct OutputsLog {
     latest: Moment,
     /// Series of log rows without a gap to which the last row belongs; `None` before the first row.
     stretch: Option<RowSequence>,
-    /// Counters of all outputs, then of all output sets, then of the heartbeat.
+    /// Counters of each output, then of each output set, then of the heartbeat.
     lines: Vec<Line>,
     /// Buffer for the message of a failed write, which is compared with the previous message.
     message: String,
@@ -102,6 +102,7 @@ pub(in crate::gateway) struct OutputsLog {
     pub(super) dropped: u64,
 }
 
+/// Counters and last turn of one output, output set or heartbeat in the output log.
 #[derive(Debug, Default)]
 struct Line {
     name: String,
@@ -111,7 +112,7 @@ struct Line {
     last: Option<LastTurn>,
     /// Number of turns (calls of the controller) that repeated the last recorded turn.
     repetitions: u64,
-    /// Time at which the present count of writes and failures began.
+    /// Time at which counting of the present `writes` and `failures` began; `None` before the first write.
     since: Option<Moment>,
     writes: u64,
     failures: u64,
@@ -123,7 +124,7 @@ struct Line {
 #[derive(Debug)]
 struct LastTurn {
     turn: Turn,
-    /// State of the controller after that call.
+    /// State of the controller after its last turn.
     state: ControllerState,
     at: Moment,
     /// Time at which a call of the controller was last written as a row of the log, instead of only being counted.

@@ -32,7 +32,7 @@ pub(in crate::gateway) struct DayLog {
     size: u64,
 }
 
-/// Logs that must be deleted, by reason.
+/// Log files that must be deleted, by the reason for the deletion.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 struct ExpiredLogs {
     too_old: Vec<String>,

@@ -16,7 +16,7 @@ pub(super) struct Stamps {
     correction: Option<Correction>,
 }
 
-/// Number of a log file in this run, and the shift from monotonic time to the time stamps in this file.
+/// Identity of a log file: its number in this run, and the shift from monotonic time to the time stamps in the file.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(in crate::gateway) struct Stamped {
     pub(super) file: u64,
@@ -46,7 +46,8 @@ impl Stamps {
         self.of
     }
 
-    /// Returns the shift from monotonic time to the present time of the computer's clock, whatever the file is.
+    /// Returns the shift from monotonic time to the time of the computer's clock now. The shift of the present log
+    /// file may differ.
     pub(super) fn of_the_clock(&self) -> Shift {
         self.clock.as_ref().map_or(self.of.shift, Clock::shift)
     }

@@ -85,6 +85,7 @@ pub(super) fn last_stamp(path: &Path) -> Option<Moment> {
     last.last()
 }
 
+/// State of the thread that writes logs and events to disk.
 pub(super) struct StorageThread {
     directory: PathBuf,
     machine: String,
@@ -94,10 +95,10 @@ pub(super) struct StorageThread {
     /// Time of the last check for logs to delete.
     tidied: Option<Moment>,
     events: EventsFile,
-    /// Whether the queue contains a wakeup for new events.
+    /// Whether the queue already contains a job that writes new events.
     is_woken: Arc<AtomicBool>,
-    /// Number of losses at the time of the last loss of output-log rows. A row from before this loss is not written:
-    /// it cannot be replayed, because the rows before it are missing.
+    /// Number of the last loss of output-log rows. Rows from before this loss are not written, because rows that a
+    /// replay needs are missing.
     whole_since: u64,
     failing: BTreeMap<&'static str, DiskCause>,
     torn: Arc<AtomicBool>,
@@ -251,7 +252,7 @@ impl StorageThread {
 pub(super) struct DayFile {
     directory: PathBuf,
     machine: String,
-    /// Last part of the file name, after the date.
+    /// End of the file name, after the date.
     ending: &'static str,
     header: String,
     of: Option<(Date, Stamped)>,

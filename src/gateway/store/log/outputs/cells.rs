@@ -10,7 +10,7 @@ use isotherm_core::quantity::{Counts, Moment, Shift, Shifted};
 
 /// First line of the output log, with its line break.
 pub const HEADER: &str = "time,output,fact,value,moment,action,action_value,action_until,detail\n";
-/// Last part of the file name of an output log.
+/// End of the file name of an output log.
 pub const ENDING: &str = ".outputs.csv";
 
 pub(super) const BEGIN: &str = "begin";
@@ -26,7 +26,7 @@ pub struct ResumeState {
     pub settings: Settings,
     /// State of the output's register.
     pub state: State,
-    /// State of the controller that is not part of the register state.
+    /// Further state of the controller of the output, which is not part of the register state.
     #[serde(default)]
     pub policy: Policy,
 }

@@ -94,8 +94,8 @@ impl Turn {
         }
     }
 
-    /// Returns the maximum number of repetitions that one log row counts. One minute contains fewer turns. The number
-    /// is 0 for an output set, because each of its turns has its own row.
+    /// Returns the maximum number of repeated turns that one log row may count. The limit is higher than the number
+    /// of turns in one minute. The result is 0 for an output set, because each of its turns has its own row.
     pub(super) fn most_repetitions(&self) -> u64 {
         if matches!(self, Turn::Set(_)) { 0 } else { MOST_REPETITIONS }
     }

@@ -28,14 +28,14 @@ pub struct OutputRow {
     pub now: Moment,
     /// Name of the output.
     pub output: String,
-    /// Content of the log row.
+    /// Parsed content of the log row.
     pub entry: Entry,
 }
 
 /// Content of a row of the output log.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Entry {
-    /// Settings and state from which an output continues.
+    /// Settings and state from which an output continues, at the beginning of its rows.
     Begins(Box<ResumeState>),
     /// Input of the controller of the output, and the action.
     Step {
@@ -171,7 +171,8 @@ impl<R: Read> OutputLogReader<R> {
         count.filter(|count| *count <= most).ok_or_else(wrong)
     }
 
-    /// Parses an input or an action. The tuple contains the indices of three columns: name, value and moment.
+    /// Parses an input or an action. The tuple contains the indices of three columns: name, value and moment. The
+    /// function `of` creates the result from their cells.
     fn named<T>(
         &self,
         line: u64,

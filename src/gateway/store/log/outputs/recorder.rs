@@ -30,7 +30,7 @@ impl OutputRecorder {
         self.ends(",,,,,,", &cell(&detail))
     }
 
-    /// Formats the log row of an input of an output controller and the resulting action.
+    /// Formats the log row with an input of an output controller, and with the action that the controller returned.
     pub fn step(&mut self, now: Moment, output: &str, input: Input, action: Action) -> &[u8] {
         // Numbers and names always have a JSON form.
         let detail = Detail::of(input, self.shift).map(|one| serde_json::to_string(&one).unwrap_or_default());
@@ -51,8 +51,8 @@ impl OutputRecorder {
         self.ends(",,,,,,", &cell(&detail))
     }
 
-    /// Formats the log row of a turn, which is one call of a controller by the line task. `repetitions` is the number
-    /// of repetitions of the previous turn.
+    /// Formats the log row of a turn, which is one call of a controller by the line task. `repetitions`: how often
+    /// the previous turn was repeated before this turn.
     pub fn turn(&mut self, now: Moment, name: &str, turn: &Turn, repetitions: u64) -> &[u8] {
         // Numbers, names and lists of them always have a JSON form.
         let detail = serde_json::to_string(&turn.clone().shifted(self.shift)).unwrap_or_default();

@@ -8,7 +8,7 @@ use super::reader::{Entry, OutputRow};
 use isotherm_core::output::{Controller, Settings};
 use isotherm_core::quantity::Moment;
 
-/// Replay of the outputs of a log.
+/// Replay of an output log, with the present state of the replayed controllers.
 #[derive(Clone, Debug, Default)]
 pub struct OutputReplay {
     running: BTreeMap<String, Box<(Settings, Controller)>>,
