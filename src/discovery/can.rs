@@ -12,7 +12,7 @@ use isotherm_profile::{Bus, Profile, Signal};
 pub struct Inspected {
     /// Name of the bus in the profile.
     pub bus: String,
-    /// Name of the interface.
+    /// Name of the CAN interface of this computer, for example `can0`.
     pub interface: String,
     /// Whether the CAN interface exists and is up.
     pub is_up: bool,

@@ -22,7 +22,7 @@ pub struct MergedReadTest {
     pub device: String,
     /// First planned read that fails, as text.
     pub read: String,
-    /// Fault of this read, with the advice.
+    /// Fault of the failed read as text, with the advice to the user.
     pub fault: String,
     /// Quirks, as written in a profile, with which the device serves all its values.
     pub quirks: String,

@@ -106,7 +106,8 @@ async fn is_answered(line: &LineAddress, bus: &Bus, quirks: Quirks, unit: u8, re
     send(line, bus, quirks, unit, read).await == ReadResult::Answered
 }
 
-/// Sends a read on a new connection.
+/// Sends a read on a new connection. Returns whether the unit answered, the line returned the request itself (an echo),
+/// or the read failed.
 async fn send(
     line: &LineAddress,
     bus: &Bus,

@@ -25,7 +25,7 @@ pub struct PipelineTest {
     pub fault: Option<String>,
 }
 
-/// Tests the devices on each bus with `pipeline = 2`. It only reads from the devices.
+/// Tests the devices on each bus with `pipeline = 2`. The test only reads from the devices.
 pub async fn tried(profile: &Profile) -> Vec<PipelineTest> {
     let mut found = Vec::new();
     let pipelined = profile.buses.iter().enumerate().filter(|(_, bus)| bus.pipeline > 1);

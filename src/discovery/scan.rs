@@ -27,7 +27,7 @@ pub struct Scan {
     pub lines: Vec<LineAddress>,
     /// Bus settings for the scan: timeout and quirks.
     pub bus: Bus,
-    /// Quirks of the devices, which apply to each unit of the lines.
+    /// Quirks (profile settings for peculiar devices), which apply to each unit of the lines.
     pub quirks: Quirks,
     /// Unit numbers to query.
     pub units: RangeInclusive<u8>,
@@ -50,7 +50,7 @@ pub struct Responder {
     pub how: AnswerKind,
 }
 
-/// Kind of an answer.
+/// Kind of an answer that shows that a unit exists.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case", tag = "answer", content = "value")]
 pub enum AnswerKind {
@@ -62,7 +62,7 @@ pub enum AnswerKind {
     Garbled(String),
 }
 
-/// Progress of a scan.
+/// Progress of a scan, reported while the scan runs.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Event {
     /// The scan continues with this line and these settings.

@@ -28,8 +28,8 @@ pub struct UnitReader {
 }
 
 impl UnitReader {
-    /// Returns a reader for the units at this address. The line is not connected yet. It has the timeout and the quirks
-    /// of `bus`. `trace` receives every exchange.
+    /// Returns a reader for the units at this address. The reader connects with its first read. It uses the settings of
+    /// `bus`, for example the timeout, and `quirks` for every unit. `trace` receives every exchange.
     pub fn new(line: &LineAddress, bus: &Bus, quirks: Quirks, trace: Option<Trace>) -> UnitReader {
         let bus = Bus { transport: line.transport, address: line.address.clone(), ..bus.clone() };
         // This line queries all unit numbers, so their number does not indicate a Modbus gateway.
@@ -76,7 +76,7 @@ impl UnitReader {
         self
     }
 
-    /// Closes the connection.
+    /// Closes the connection. The next read opens another connection.
     pub fn hang_up(&mut self) {
         self.line.iter_mut().for_each(DeviceLine::hang_up);
     }

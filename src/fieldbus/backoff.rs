@@ -53,7 +53,7 @@ impl Backoff {
         self.not_before = self.not_before.max(Some(moment));
     }
 
-    /// Records a successful attempt.
+    /// Records a successful attempt, which ends the back-off.
     pub fn succeed(&mut self) {
         self.failures = 0;
         self.not_before = None;

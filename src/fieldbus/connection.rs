@@ -13,7 +13,7 @@ use super::send_guard::SendGuard;
 use super::trace::Tap;
 use super::wire::{Answer, Boxed, Request, Wire};
 
-/// Opener of the connections of one line, one after the other.
+/// Object that opens the connections of one line, one after another.
 pub trait Dial: Send {
     /// Opens a connection, without a time limit. `tap` receives the bytes of the connection, for the log of its frames.
     /// Some transports have no bytes to log.
@@ -25,7 +25,7 @@ pub trait Dial: Send {
     }
 
     /// Returns whether the last opened connection reaches the same device as the connection before it. Returns false if
-    /// the transport detects that the device may be another one.
+    /// the transport detects that the new connection may reach another device.
     fn resumes(&self) -> bool {
         true
     }
@@ -36,7 +36,7 @@ pub trait Dial: Send {
     }
 
     /// Returns the shortest pause before the next attempt to connect, after an attempt has failed with this fault. If
-    /// it is zero, only the back-off of the line applies.
+    /// the pause is zero, only the back-off of the line applies.
     fn pause_after(&self, _fault: Fault) -> Duration {
         Duration::ZERO
     }
@@ -47,7 +47,7 @@ pub trait Dial: Send {
     }
 }
 
-/// An open connection of any kind.
+/// Open connection of a line, by its protocol.
 #[allow(
     clippy::large_enum_variant,
     reason = "each bus line has only one such value, and calls of Modbus TCP through a pointer would be slower"
@@ -79,7 +79,7 @@ impl Connection {
         }
     }
 
-    /// Returns the connection as a [`Wire`].
+    /// Returns the connection as a [`Wire`], the interface that all connections share.
     pub fn wire(&mut self) -> &mut dyn Wire {
         match self {
             Connection::ModbusTcp(wire) => wire,
@@ -88,7 +88,8 @@ impl Connection {
         }
     }
 
-    /// Returns the connection as a [`ModbusWire`]; `None` if it is not Modbus.
+    /// Returns the connection as a [`ModbusWire`], which has the additional functions of Modbus; `None` if the protocol
+    /// is not Modbus.
     pub fn modbus(&mut self) -> Option<&mut dyn ModbusWire> {
         match self {
             Connection::ModbusTcp(wire) => Some(wire),

@@ -63,8 +63,8 @@ pub enum CallerFault {
     /// The CAN frame contains another value that is not known yet, so the frame cannot be sent.
     #[error("another value in the same frame is not known yet; the frame is sent when that value is known")]
     Incomplete,
-    /// An answer to an earlier request may still arrive. The gateway could not distinguish it from the answer to this
-    /// request.
+    /// An answer to an earlier request may still arrive. The gateway could mistake that earlier answer for the answer
+    /// to this request.
     #[error(
         "waits: the answer to an earlier request may still arrive, and would look like the answer to this request"
     )]
@@ -223,7 +223,7 @@ pub enum PeerFault {
     OutOfOrder,
 }
 
-/// Whether the device has executed a write that failed for the gateway.
+/// Whether the device may have executed a write although the gateway got no valid confirmation.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Outcome {
     /// The device has not executed the write, and will not execute it.

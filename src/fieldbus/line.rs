@@ -118,7 +118,7 @@ pub struct DeviceLine {
     closing_habit: ClosingHabit,
     /// Whether a device loses the first request of each connection (`quirks.loses_first_request`).
     loses_first_request: bool,
-    /// Number of connections so far.
+    /// Number of connections that the line has opened so far. The number shows whether a connection was replaced.
     connections: u64,
 }
 
@@ -348,8 +348,9 @@ impl DeviceLine {
         self.ask(device, request, leave, false).await
     }
 
-    /// Sends a request to a device even if its checks have not passed. The checks themselves use this function. Polls
-    /// use it too, and discard their readings until the checks have passed.
+    /// Sends a request to a device even if its checks (comparisons with expected values, key `verify`) have not passed.
+    /// The checks themselves use this function. Polls also use this function, and discard their readings until the
+    /// checks have passed.
     ///
     /// # Errors
     /// Same as for [`DeviceLine::request`].

@@ -58,7 +58,7 @@ impl Tapped {
         Tapped { port: Box::new(port), tap: tap.clone() }
     }
 
-    /// Sends all of these bytes.
+    /// Sends all of these bytes, and copies the sent bytes to the tap.
     pub(super) async fn send(&mut self, mut bytes: &[u8]) -> io::Result<()> {
         while !bytes.is_empty() {
             let (sent, left) = match self.port.write(bytes).await? {
@@ -71,7 +71,7 @@ impl Tapped {
         self.port.flush().await
     }
 
-    /// Waits for bytes. Returns 0 at the end of the stream.
+    /// Waits for input, and stores it in `bytes`. Returns the number of received bytes; 0 at the end of the stream.
     pub(super) async fn receive(&mut self, bytes: &mut [u8]) -> io::Result<usize> {
         let count = self.port.read(bytes).await?;
         self.tap.pass(&bytes[..count], false);

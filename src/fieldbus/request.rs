@@ -115,7 +115,8 @@ impl Answer {
         }
     }
 
-    /// Returns the age, by its time stamp, of the reading that contains this field.
+    /// Returns the age, by time stamp, of the reading for `field`, which describes the position of one value in the
+    /// answer.
     pub fn stamped(&self, field: &plan::Field) -> Stamped {
         self.node(field).map_or(Stamped::Unknown, |node| node.stamped)
     }
@@ -130,7 +131,8 @@ impl Answer {
         if let Answer::Nodes(nodes) = self { nodes.get(usize::from(field.at)) } else { None }
     }
 
-    /// Returns the registers of a field. An answer without registers has none.
+    /// Returns the registers of one value, whose position in the answer is `field`. An answer without registers has
+    /// none.
     ///
     /// # Errors
     /// [`Reason::BadReply`] if the answer does not contain them.

@@ -25,7 +25,7 @@ pub enum Asked {
     Any,
     /// Read of registers or bits.
     Read {
-        /// Number of values.
+        /// Number of values that the read contains.
         values: u16,
         /// Largest number of unused registers between two values.
         gap: u16,
@@ -44,7 +44,7 @@ pub enum Others {
     Answered,
 }
 
-/// Advice on a fault.
+/// Advice to the user on a fault, with the matching chapter of the manual.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Advice {
     /// Instruction to the user.

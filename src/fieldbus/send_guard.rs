@@ -19,8 +19,8 @@ pub enum SendDeadline {
     OnConnection(Moment),
 }
 
-/// Clock samples of a line, and the deadline for sending its present request. A wire calls [`SendGuard::leave`] after
-/// any wait, immediately before the first byte of a request.
+/// Clock samples of a line, and the deadline for sending its present request. A wire (open connection) calls
+/// [`SendGuard::leave`] after any wait, immediately before the first byte of a request.
 #[derive(Debug)]
 pub struct SendGuard {
     clock: Clock,

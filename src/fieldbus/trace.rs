@@ -1,4 +1,4 @@
-//! Log of the frames on a line, active while it has a listener.
+//! Log of the frames on a line. A tap (recorder) copies the frames while at least one listener receives the log.
 //!
 //! The bytes are copied when they pass a [port](super::port). Their description comes from [`super::line`], which knows
 //! the request and the checked answer. An invalid answer is therefore logged as it arrived, with its fault.
@@ -23,7 +23,8 @@ mod exchange;
 
 pub use exchange::Exchange;
 
-/// Capacity of a listener's queue, in exchanges. Exchanges beyond it are left out.
+/// Capacity of a listener's queue, in exchanges (requests with answers). If the queue is full, further exchanges are
+/// left out.
 const UNHEARD: usize = 1024;
 /// Maximum number of bytes that are stored for each direction of an exchange: two of the longest frames.
 const LONGEST: usize = 520;
@@ -108,7 +109,7 @@ impl Tap {
         self.0.is_on.load(Ordering::Relaxed)
     }
 
-    /// Begins to record an exchange, and returns its start; `None` if there is no listener.
+    /// Begins to record an exchange, and returns the time of its start; `None` if there is no listener.
     pub(super) fn begin(&self) -> Option<Moment> {
         self.is_on().then(|| {
             *self.passed() = PassedBytes::default();
@@ -165,7 +166,7 @@ impl Tap {
         }
     }
 
-    /// Records bytes that were sent or received.
+    /// Records bytes that were sent (`is_sent`) or received, if the line has a listener.
     pub(super) fn pass(&self, bytes: &[u8], is_sent: bool) {
         if self.is_on() {
             self.passed().keep(bytes, is_sent);
@@ -197,7 +198,7 @@ impl ExchangeReceiver {
         self.heard.recv().await
     }
 
-    /// Returns the next exchange, if one is in the queue.
+    /// Returns the next exchange in the queue; `None` if the queue is empty.
     pub fn next_now(&mut self) -> Option<Exchange> {
         self.heard.try_recv().ok()
     }

@@ -9,7 +9,7 @@ use crate::fieldbus::kinds::opcua::client::browse::{Browser, Described, Value};
 use isotherm_core::codec::{Address, Node, number_in};
 use isotherm_profile::{Bit, Bus, BusId, Profile, Transport};
 
-/// OPC UA name of the type of texts.
+/// Name that OPC UA gives to the type of texts.
 const TEXT: &str = "String";
 
 /// Node of the profile as its server describes it.
@@ -44,7 +44,7 @@ enum NodeRole {
     Written,
 }
 
-/// Inspects the nodes of a profile on each OPC UA server. It only reads from the servers.
+/// Inspects the nodes of a profile on each OPC UA server. The function only reads from the servers.
 pub async fn inspect(profile: &Profile) -> Vec<Inspected> {
     let mut all = Vec::new();
     for (place, bus) in profile.buses.iter().enumerate().filter(|(_, bus)| bus.opcua.is_some()) {

@@ -21,7 +21,7 @@ pub struct BusKind {
     pub example: Option<&'static str>,
     /// Parses an address as users type it; `None` if the text has the form of another type.
     pub parse: fn(&str) -> Option<Parsed>,
-    /// Formats an address for messages.
+    /// Formats an address for messages to users.
     pub shown: fn(Transport, &str) -> String,
     /// Returns the object that opens the connections of a bus. Returns `None` for a CAN interface, because the task
     /// that receives its frames opens it.
@@ -65,7 +65,7 @@ pub enum ScanKind {
     Units {
         /// Advice if no unit answers.
         unanswered: &'static str,
-        /// Advice after an answer that violates the protocol, with a space before it.
+        /// Advice after an answer that violates the protocol. The text begins with a space.
         malformed: &'static str,
     },
     /// Line whose devices have no registers, for example a CAN line.
@@ -101,8 +101,7 @@ pub struct ScanReport {
 /// How a simulated machine replaces the devices of a line.
 #[derive(Clone, Copy)]
 pub enum VirtualLine {
-    /// The simulated machine answers on the line. The text stands before the address in a message, for example "listens
-    /// on".
+    /// The simulated machine answers on the line. The text precedes the address in a message, for example "listens on".
     Served(&'static str),
     /// The simulated machine does not simulate the line. The function returns a sentence with the reason.
     Absent(fn(&Bus) -> String),

@@ -89,7 +89,7 @@ impl Dial for SysfsDial {
     }
 }
 
-/// Wire that reads the sensors of this computer.
+/// Connection whose requests read the sensors of this computer.
 struct Sysfs {
     root: PathBuf,
     readers: Readers,

@@ -21,7 +21,8 @@ const HABIT: Duration = Duration::from_secs(3600);
 const SILENCE: Duration = Duration::from_secs(3);
 
 impl DeviceLine {
-    /// Returns whether the device has checks, and has not passed them since the last loss of contact.
+    /// Returns whether the device has checks, and has not passed them since the last loss of contact. A check compares
+    /// a value of the device (key `verify`) or the OPC UA namespaces with the expected content.
     pub(super) fn is_unverified(&self, place: usize) -> bool {
         let unit = self.units.at(place);
         unit.is_checked && self.observer.as_ref().is_some_and(|observer| !observer.is_verified(unit.device))
@@ -62,7 +63,7 @@ impl DeviceLine {
 pub(super) struct Evidence {
     /// Number of answers on the present connection.
     answers: u32,
-    /// Time of the last orderly close by the other end.
+    /// Time of the last orderly close by the other end; `None` if no such close is known.
     closed_at: Option<Moment>,
 }
 
@@ -88,7 +89,7 @@ impl Evidence {
     }
 
     /// Returns the devices with which contact was lost, after a request has failed with `fault` and the connection has
-    /// ended with `ending`. `received` is the time of the device's last answer.
+    /// ended with `ending`. `received` is the time of the last request that the device has answered.
     pub(super) fn ends(
         &mut self,
         fault: Fault,

@@ -98,7 +98,7 @@ enum Renewal {
     Refused,
 }
 
-/// Request that was not answered in time. The Modbus gateway may still wait for its unit.
+/// Request that was not answered in time. The Modbus gateway may still wait for the unit of this request.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct SilentRequest {
     unit: u8,
@@ -108,7 +108,8 @@ struct SilentRequest {
     was_awaited: bool,
 }
 
-/// Proof that the units behind the Modbus gateway can answer: whether one has answered since the last missing answer.
+/// Proof that the units behind the Modbus gateway can answer: whether a unit has answered since the last missing
+/// answer.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 enum Proof {
     #[default]

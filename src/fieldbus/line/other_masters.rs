@@ -38,7 +38,7 @@ const CONFIRMATIONS: u32 = 3;
 pub(super) enum OtherMasters {
     #[default]
     None,
-    /// The line received one answer without a request of the gateway, at this time. It may be noise.
+    /// The line received one answer without a request of the gateway, at this time. This single answer may be noise.
     Suspected(ForeignFrame, Moment),
     Noticed(ForeignTraffic),
 }

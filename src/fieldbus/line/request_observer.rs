@@ -22,7 +22,7 @@ pub trait RequestObserver: Send + Sync {
     );
 
     /// Reports that the device has answered a request with at least a part of the requested data. `_at`: time of the
-    /// answer. The default implementation only notes the result.
+    /// answer. The default implementation only calls [`RequestObserver::note`].
     fn note_delivery(&self, device: DeviceId, request: Request<'_>, refusals: (u32, Fault), _at: Moment) {
         self.note(device, request, Ok(()), refusals);
     }
@@ -31,7 +31,8 @@ pub trait RequestObserver: Send + Sync {
     /// with every device on the line was lost.
     fn breaks(&self, _device: Option<DeviceId>, _cause: Break) {}
 
-    /// Returns whether the device has passed its checks since the last loss of contact.
+    /// Returns whether the device has passed its checks (comparisons with expected values) since the last loss of
+    /// contact.
     fn is_verified(&self, _device: DeviceId) -> bool {
         true
     }

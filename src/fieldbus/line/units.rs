@@ -1,4 +1,5 @@
-//! Devices of a line: permitted requests, and back-off after a failure.
+//! Devices of a line (units): permitted requests, and back-off after a failure. A `place` is the index of a device in
+//! the list of the line.
 
 use std::time::Duration;
 
@@ -23,7 +24,7 @@ const DEAD: u32 = 2;
 /// Length of the first pause after a failure.
 pub(super) const FIRST_PAUSE: Duration = Duration::from_secs(1);
 
-/// One device on the line.
+/// One device on the line, with its settings and the times of its requests.
 #[derive(Debug)]
 pub(super) struct Unit {
     pub(super) device: DeviceId,
@@ -32,8 +33,8 @@ pub(super) struct Unit {
     pub(super) quirks: Quirks,
     pub(super) breaker: Backoff,
     pub(super) last_fault: Fault,
-    /// Whether the unit has checks that must pass before its readings are used. An OPC UA server always has a check of
-    /// its namespaces.
+    /// Whether the unit has checks (comparisons with expected values, key `verify`) that must pass before its readings
+    /// are used. An OPC UA server always has a check of its namespaces.
     pub(super) is_checked: bool,
     /// Whether a Modbus gateway to a serial line is in front of the unit. A late answer of the unit may then have the
     /// transaction number of another request.

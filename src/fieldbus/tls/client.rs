@@ -66,7 +66,7 @@ impl Client {
         }
     }
 
-    /// Performs the TLS handshake on an open connection.
+    /// Performs the TLS handshake on an open connection. Returns the encrypted stream.
     pub(in crate::fieldbus) async fn secure(&self, stream: TcpStream) -> Result<TlsStream<LocalTcp>, Fault> {
         let secured = net::secure(LocalTcp::new(stream), &self.name, &self.config).await;
         let connected = secured.map_err(|error| match error {

@@ -13,7 +13,7 @@ use super::pem::{certificates, private_key};
 use super::server::Wrong;
 use isotherm_profile::{NamedFile, ProfileError, safe_file};
 
-/// Files in which Linux distributions store the trusted authorities.
+/// Files in which Linux distributions store the trusted certificate authorities.
 const BUNDLES: [&str; 4] = [
     "/etc/ssl/certs/ca-certificates.crt",
     "/etc/pki/tls/certs/ca-bundle.crt",

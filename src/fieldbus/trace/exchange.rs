@@ -31,7 +31,7 @@ pub struct Exchange {
     /// Received bytes, valid or not.
     #[serde(serialize_with = "hex")]
     pub received: Vec<u8>,
-    /// Number of further sent or received bytes that were not stored.
+    /// Number of further sent or received bytes, which were not stored because the exchange was too long.
     pub more: usize,
     /// Answer as readable text, or the fault of the request.
     pub answered: String,
@@ -100,7 +100,7 @@ fn node(node: &NodeReading) -> String {
     }
 }
 
-/// Formats bytes: `00 01 00 00 00 06`.
+/// Formats bytes as hexadecimal digits: `00 01 00 00 00 06`.
 fn bytes(bytes: &[u8]) -> String {
     let pairs: Vec<String> = bytes.iter().map(|byte| format!("{byte:02x}")).collect();
     pairs.join(" ")

@@ -22,7 +22,7 @@ pub mod sdo;
 #[cfg(test)]
 mod tests;
 
-/// Node number, 1 to 127.
+/// Number of a CANopen node, 1 to 127.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct NodeId(u8);
 
@@ -32,7 +32,7 @@ impl NodeId {
         if number >= 1 && number <= 127 { Some(NodeId(number)) } else { None }
     }
 
-    /// Returns the number, 1 to 127.
+    /// Returns the node number, 1 to 127.
     pub const fn get(self) -> u8 {
         self.0
     }
@@ -43,8 +43,8 @@ impl NodeId {
         CanId::of_11_bits(service + u16::from(self.0))
     }
 
-    /// Returns the node that sent a frame, if the identifier belongs to this service; `None` if it belongs to another
-    /// service.
+    /// Returns the node that sent a frame, if the identifier belongs to this service; `None` if the identifier belongs
+    /// to another service.
     pub fn sender(frame: &Frame, service: u16) -> Option<NodeId> {
         let raw = frame.id().raw();
         let number = u8::try_from(raw.checked_sub(u32::from(service))?).ok()?;

@@ -27,13 +27,13 @@ impl ErrorFrame {
         ErrorFrame(frame.into_error())
     }
 
-    /// Returns an error frame with a class and no details.
+    /// Returns an error frame with this class (an error bit of the kernel, `CAN_ERR_…`) and without details.
     #[cfg(test)]
     pub(crate) fn from_class(class: u32) -> ErrorFrame {
         ErrorFrame::of(CanErrorFrame::new_error(class, &[0; 8]).unwrap())
     }
 
-    /// Returns the severity of the problem.
+    /// Returns the severity of the problem; the highest severity, if the frame reports several problems.
     pub fn gravity(&self) -> ErrorSeverity {
         let gravity = |cause: &ErrorCause| match cause {
             ErrorCause::BusOff => ErrorSeverity::BusOff,

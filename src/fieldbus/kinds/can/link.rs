@@ -1,8 +1,8 @@
 //! State of one CAN interface while the gateway runs: its present socket, and the data that is kept when the socket is
 //! replaced.
 //!
-//! One task receives all frames from [`Link::socket`], and hands SDO frames to [`Link::passed`]. The line sends
-//! requests and writes through [`super::wire`].
+//! One task receives all frames from [`Link::socket`], and hands SDO frames (reads and writes of node objects) to
+//! [`Link::passed`]. The line sends requests and writes through [`super::wire`].
 
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -59,7 +59,7 @@ impl Link {
         Link { interface: interface.to_owned(), wanted, inner: Mutex::new(inner) }
     }
 
-    /// Returns the name of the interface.
+    /// Returns the name of the CAN interface, for example `can0`.
     pub fn interface(&self) -> &str {
         &self.interface
     }

@@ -1,4 +1,4 @@
-//! Requests to devices on a CAN line.
+//! Requests to devices on a CAN line. SDO is the CANopen service that reads or writes one object of a node.
 
 use std::fmt;
 
@@ -10,23 +10,23 @@ use isotherm_core::codec::{BitField, CanId, Object};
 pub enum CanRequest<'a> {
     /// Read of an object of a node by SDO.
     Read {
-        /// Object to read.
+        /// Object to read: index, sub-index and type.
         object: Object,
     },
     /// Write of an object of a node by SDO.
     Write {
-        /// Object to write.
+        /// Object to write: index, sub-index and type.
         object: Object,
-        /// New value, the most significant register first.
+        /// New value as 16-bit registers, the most significant register first.
         values: &'a [u16],
     },
     /// Value to send in a CAN frame, together with the other values of this frame.
     Send {
-        /// Identifier of the frame.
+        /// CAN identifier of the frame.
         id: CanId,
-        /// Bits of the value in the frame.
+        /// Bits of the frame that contain the value.
         bits: BitField,
-        /// New value, the most significant register first.
+        /// New value as 16-bit registers, the most significant register first.
         values: &'a [u16],
     },
 }

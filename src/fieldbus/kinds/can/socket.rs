@@ -32,8 +32,8 @@ use isotherm_core::codec::{CanId, CanMatch, Frame};
 /// Size of the receive buffer in bytes, which the kernel doubles. It holds 10 923 frames on Linux 6.1 and 9363 on 6.12:
 /// more than half a second of traffic at full load.
 const BUFFER: libc::c_int = 4 << 20;
-/// Maximum number of filters that the kernel accepts. With more matches, no filter is set, and the socket receives all
-/// frames.
+/// Maximum number of filters that the kernel accepts for one socket. If more frames are wanted than filters are
+/// possible, no filter is set, and the socket receives all frames.
 const MOST_FILTERS: usize = 512;
 /// Events for which the socket waits before a read: frames have arrived, or the interface went down.
 const READING: Interest = Interest::READABLE.add(Interest::ERROR);
@@ -49,7 +49,7 @@ pub enum ReceivedFrame {
     Error(ErrorFrame),
 }
 
-/// Open socket on one interface.
+/// Open socket that sends and receives the frames of one CAN interface.
 #[derive(Debug)]
 pub struct Socket {
     fd: AsyncFd<CanFdSocket>,

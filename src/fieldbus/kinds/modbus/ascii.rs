@@ -12,7 +12,7 @@ use tokio::io::{AsyncRead, AsyncWrite, ReadBuf};
 use crate::fieldbus::port::Port;
 use isotherm_core::codec::{AsciiFrames, ascii_frame};
 
-/// Number of characters in one read of the port.
+/// Maximum number of characters that one read of the port returns.
 const PIECE: usize = 512;
 
 /// Port on which frames are sent and received as Modbus ASCII.
@@ -22,12 +22,12 @@ pub struct AsciiPort<P> {
     frames: AsciiFrames,
     /// Received frames, converted to the bytes of RTU frames.
     received: Vec<u8>,
-    /// Characters that were not sent yet.
+    /// Characters that still have to be written to the port.
     unsent: Vec<u8>,
 }
 
 impl<P: Port> AsciiPort<P> {
-    /// Returns a port for RTU frames that sends and receives them as Modbus ASCII through `port`.
+    /// Returns a port for RTU frames that sends and receives these frames as Modbus ASCII through `port`.
     pub fn new(port: P) -> AsciiPort<P> {
         AsciiPort { port, frames: AsciiFrames::default(), received: Vec::new(), unsent: Vec::new() }
     }
@@ -42,7 +42,7 @@ impl<P: Port> AsciiPort<P> {
         Poll::Ready(Ok(()))
     }
 
-    /// Removes and returns received bytes, at most `most`.
+    /// Removes at most `most` bytes from `received`, and returns the removed bytes.
     fn take(&mut self, most: usize) -> Vec<u8> {
         let count = most.min(self.received.len());
         self.received.drain(..count).collect()

@@ -51,7 +51,8 @@ pub(in crate::fieldbus) struct PendingReplies {
     longest: [Duration; 2],
     /// Number of consecutive requests without an answer in time.
     misses: u32,
-    /// State of the order check, if the unit is behind a Modbus gateway.
+    /// State of the check that the answers of the unit belong to their requests; used if the unit is behind a Modbus
+    /// gateway.
     pub(in crate::fieldbus) order: OrderCheck,
 }
 
@@ -73,7 +74,7 @@ struct MissingReply {
 /// Timeout of a line, and the additional time for which the line expects late answers.
 #[derive(Clone, Copy, Debug)]
 pub(in crate::fieldbus) struct Spans {
-    /// Longest time until an answer begins.
+    /// Timeout of the line: longest time from a request to the beginning of its answer.
     pub(in crate::fieldbus) timeout: Duration,
     /// Time after the timeout during which a late answer may arrive.
     pub(in crate::fieldbus) grace: Duration,
@@ -224,8 +225,7 @@ impl PendingReplies {
         self.misses
     }
 
-    /// Returns how long the line must be silent after the request of `late`, which was not answered, before `request`
-    /// may be sent.
+    /// Returns how long the line must be silent after the unanswered request `late`, before `request` may be sent.
     fn span(&self, late: &MissingReply, request: Request<'_>, spans: Spans) -> Duration {
         if late.mark != ReplySignature::of(request) {
             Duration::ZERO

@@ -9,28 +9,28 @@ use isotherm_profile::Functions;
 /// One request to one Modbus unit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ModbusRequest<'a> {
-    /// Read with function 01 to 04, by table.
+    /// Read of registers or bits. The table determines the function code, 01 to 04.
     Read {
-        /// First register or bit.
+        /// Table and address of the first register or bit.
         from: Register,
         /// Number of registers or bits.
         count: u16,
     },
-    /// Write with function 05.
+    /// Write of one coil, with function 05.
     WriteCoil {
         /// Zero-based address of the coil.
         at: u16,
         /// New state of the coil: on or off.
         value: bool,
     },
-    /// Write with function 06.
+    /// Write of one holding register, with function 06.
     WriteSingle {
         /// Zero-based address of the holding register.
         at: u16,
         /// New value of the register.
         value: u16,
     },
-    /// Write with function 16.
+    /// Write of consecutive holding registers, with function 16.
     WriteMultiple {
         /// Zero-based address of the first holding register.
         at: u16,
@@ -48,7 +48,7 @@ impl<'a> ModbusRequest<'a> {
         }
     }
 
-    /// Returns the function code.
+    /// Returns the Modbus function code, for example 3 for a read of holding registers.
     pub const fn function(self) -> u8 {
         match self {
             ModbusRequest::Read { from, .. } => from.table.read_function(),

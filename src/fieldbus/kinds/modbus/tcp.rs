@@ -3,7 +3,7 @@
 //! - Transaction numbers are random. A device that counts transactions by itself, or is ahead by one, sends numbers
 //!   that do not match.
 //! - A late answer has the transaction number of a request of this connection that was given up after its timeout. The
-//!   wire discards it and keeps the connection, see `given_up`.
+//!   wire (the code for this connection) discards the late answer and keeps the connection, see `given_up`.
 //! - All other bytes that answer no open request close the connection, and so do bytes after an answer. Input from
 //!   before a request is recognized by its transaction number. Before a write, and while a late answer is expected, the
 //!   wire checks for such input. If it finds any, it does not send the request. Immediately after an answer, a write
@@ -35,7 +35,8 @@ use isotherm_core::quantity::Moment;
 mod follow_up_read;
 mod given_up;
 
-/// Length in bytes of the fields transaction, protocol and length. The length field counts the bytes after them.
+/// Length in bytes of the fields transaction, protocol and length. The length field counts the bytes after these three
+/// fields.
 const HEADER: usize = 6;
 /// Length in bytes of header, unit number and the longest message.
 const LONGEST: usize = HEADER + 1 + pdu::LONGEST;
@@ -68,7 +69,7 @@ pub struct ModbusTcp {
     ending: Ending,
 }
 
-/// First frame in the receive buffer.
+/// First frame in the receive buffer, which may still be incomplete.
 struct First {
     transaction: u16,
     unit: Option<u8>,
@@ -214,7 +215,7 @@ impl ModbusTcp {
         }
     }
 
-    /// Adds a request to the bytes to send, and returns its transaction number.
+    /// Appends the frame of a request to `question`, the bytes to send. Returns the transaction number of the request.
     fn frame(&mut self, unit: u8, request: ModbusRequest<'_>) -> u16 {
         let transaction = self.draw();
         let begin = self.question.len();

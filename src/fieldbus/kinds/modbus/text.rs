@@ -70,7 +70,8 @@ fn is_dcon(message: &[u8]) -> bool {
     }
 }
 
-/// Returns the value of a hexadecimal digit. The protocols use capital letters.
+/// Returns the value of a hexadecimal digit; `None` for other characters. Small letters do not count, because the
+/// protocols use capital letters.
 fn hex(digit: u8) -> Option<u8> {
     match digit {
         b'0'..=b'9' => Some(digit - b'0'),

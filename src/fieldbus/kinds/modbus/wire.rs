@@ -83,8 +83,8 @@ pub trait ModbusWire: Wire {
         Ok(())
     }
 
-    /// Discards late answers, until the answer to this given up request has arrived. The caller limits the time. The
-    /// call may be cancelled at any time.
+    /// Discards late answers, until the answer to the given up request `_request` (its unit and its time of sending)
+    /// has arrived. The caller limits the time. The call may be cancelled at any time.
     ///
     /// # Errors
     /// The connection has ended, or other input has arrived.
@@ -101,7 +101,7 @@ pub trait ModbusWire: Wire {
         Vec::new()
     }
 
-    /// Discards all input for `span`, and until the unit has sent nothing for `quiet`.
+    /// Discards all input during `span`. Then continues until the unit has sent nothing for the time `quiet`.
     ///
     /// # Errors
     /// The unit does not stop sending, or the connection has ended.
@@ -110,7 +110,7 @@ pub trait ModbusWire: Wire {
     }
 
     /// Sets a read to send together with the next request. The next request for the same read receives the answer to
-    /// it. A wire without transaction numbers ignores this call.
+    /// the read that was already sent. A wire without transaction numbers ignores this call.
     fn set_follow_up(&mut self, _read: Option<(u8, Request<'static>)>) {}
 
     /// Returns true if a read that was set by [`ModbusWire::set_follow_up`] waits to be sent, or was sent and is
@@ -120,7 +120,8 @@ pub trait ModbusWire: Wire {
     }
 
     /// Returns the read that was set by [`ModbusWire::set_follow_up`], if it was sent and is unanswered: its unit, the
-    /// read, and its time of sending. The next request for the same read receives the answer to it.
+    /// read, and its time of sending. The next request for the same read receives the answer to the read that was
+    /// already sent.
     fn unanswered_behind(&self) -> Option<(u8, Request<'static>, Moment)> {
         None
     }

@@ -34,7 +34,7 @@ fn wrong_server(server: &OpcUaServer) -> Vec<ProfileError> {
     server_files(server).err().unwrap_or_default()
 }
 
-/// Hint for a program that was built without OPC UA.
+/// Message and hint for a program that was built without OPC UA.
 #[cfg(not(feature = "opcua"))]
 const NOT_BUILT_IN: (&str, &str) = (
     "this program was built without OPC UA",

@@ -78,9 +78,9 @@ const AFTER_REJECTION: Duration = Duration::from_mins(5);
 
 /// Opener of sessions with one OPC UA server.
 pub(super) struct OpcUaDial {
-    /// URL of the server.
+    /// URL of the server, for example `opc.tcp://192.168.0.12:4840`.
     url: String,
-    /// Host and port, taken from the URL.
+    /// Host and port, taken from the URL, for the TCP connection.
     address: String,
     security: Security,
     timeout: Duration,

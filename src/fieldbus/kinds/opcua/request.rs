@@ -11,7 +11,7 @@ use isotherm_profile::plan::Subscription;
 pub enum NodeRequest<'a> {
     /// Read of the values of these nodes.
     Read(&'a [Node]),
-    /// Latest values of the nodes of a subscription.
+    /// Request for the latest values of a subscription, which the server sends by itself.
     Latest(&'a Subscription),
     /// Read of the namespaces of the server.
     Namespaces,

@@ -46,7 +46,7 @@ impl TextDial {
         Some(TextDial { address: bus.address.clone(), timeout: bus.timeout, over, pending: Arc::default() })
     }
 
-    /// Opens the port.
+    /// Opens the serial port, or the TCP connection to the serial server.
     pub(super) async fn open(&mut self, tap: &Tap) -> Result<TextPort, Fault> {
         match &mut self.over {
             TextTransport::Serial { serial, data_bits, history } => {

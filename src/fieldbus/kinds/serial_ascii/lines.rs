@@ -18,7 +18,7 @@ enum Beginning {
     Missed,
 }
 
-/// Bytes that have arrived, as lines of text.
+/// Buffer that divides received bytes into lines of text.
 #[derive(Clone, Debug)]
 pub struct LineBuffer {
     /// Bit mask for the data bits of a received byte: 7 or 8 bits.
@@ -39,7 +39,7 @@ impl LineBuffer {
         LineBuffer { mask, beginning: Beginning::Missed, line, length: 0, whole }
     }
 
-    /// Adds bytes that have arrived.
+    /// Divides received bytes into lines of text, and adds the lines to the buffer.
     pub fn push(&mut self, bytes: &[u8]) {
         for byte in bytes {
             match byte & self.mask {
@@ -70,7 +70,7 @@ impl LineBuffer {
         self.whole.drain(..).count()
     }
 
-    /// Discards everything that has arrived. The next character begins a line.
+    /// Discards everything that has arrived. The next character counts as the beginning of a line.
     pub fn begin(&mut self) {
         self.discard();
         self.beginning = Beginning::Received;

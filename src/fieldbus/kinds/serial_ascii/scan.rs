@@ -35,7 +35,7 @@ const NO_PATTERN: &str =
 /// Minimum length of a line in characters, from which the scan can detect a parity bit.
 const LEAST_WITH_PARITY: usize = 4;
 
-/// Result of the scan of one line.
+/// One result of a scan: a received line of text, or a DCON module.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 enum Found {
@@ -68,7 +68,7 @@ pub(super) fn report(bus: &Bus, timeout: Option<Duration>) -> Boxed<'_, Result<S
     })
 }
 
-/// Returns the lines that arrive without a request.
+/// Returns the first lines that arrive without a request, within the time `span`.
 async fn received(port: &mut TextPort, span: Duration) -> Result<Vec<Found>, Fault> {
     let found = lines(port, (MOST_LINES, span)).await?;
     Ok(found.into_iter().map(|line| Found::Sent { line }).collect())
@@ -116,8 +116,8 @@ async fn answers(port: &mut TextPort, span: Duration) -> Result<Vec<Found>, Faul
     Ok(found)
 }
 
-/// Returns the name of the DCON module with this address. A module whose checksum is switched on ignores requests
-/// without a checksum.
+/// Returns the name of the DCON module with this address; `None` if no module answers with a name. A module whose
+/// checksum is switched on ignores requests without a checksum.
 async fn name_of_module(
     port: &mut TextPort,
     (address, has_sum): (u8, bool),
@@ -137,7 +137,7 @@ fn has_value(line: &str) -> bool {
     TextPattern::like(line).is_some_and(|pattern| pattern.has_decimals())
 }
 
-/// Returns the line that follows a request. An echo of the request is skipped.
+/// Returns the line that follows a request; `None` if no line arrives within `span`. An echo of the request is skipped.
 async fn answer(port: &mut TextPort, request: &str, span: Duration) -> Result<Option<String>, Fault> {
     port.discard().await?;
     port.wait_for_silence(Duration::from_millis(20), span).await?;
@@ -228,7 +228,7 @@ impl Found {
         }
     }
 
-    /// Returns lines of a profile for the device that was found.
+    /// Returns the lines that describe the found device in a profile.
     fn profile(&self) -> String {
         let (unit, text, request) = match self {
             Found::Sent { line } => (None, like(line), String::new()),

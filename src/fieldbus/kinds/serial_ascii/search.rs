@@ -24,7 +24,7 @@ impl<'a> Search<'a> {
         Search { texts, found: vec![None; texts.len()], echo, echoes: 0, others: 0 }
     }
 
-    /// Processes the next received line.
+    /// Searches the next received line for the values. A line that is an echo of the request is skipped.
     pub(super) fn take(&mut self, line: &str) {
         // A request such as "1" is never taken for the value of its answer.
         if !self.echo.is_empty() && line == self.echo {
@@ -60,7 +60,7 @@ impl<'a> Search<'a> {
         is_matched
     }
 
-    /// Returns whether each value was found.
+    /// Returns whether a valid number was found for each value.
     pub(super) fn is_complete(&self) -> bool {
         self.found.iter().all(|found| matches!(found, Some(Ok(_))))
     }

@@ -11,7 +11,7 @@ use isotherm_core::reading::Reason;
 /// files.
 const MOST_CHIPS: usize = 1000;
 
-/// Files of one sensor.
+/// Location of the files of one sensor, by the kernel interface that provides the sensor.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Files {
     /// hwmon: directory of the chip, and the channel in it, for example `temp1`.
@@ -38,7 +38,7 @@ impl fmt::Display for Files {
 pub struct PresentSensor {
     /// Shortest name that fits no other sensor of this computer.
     pub sensor: PcSensor,
-    /// Files of the sensor.
+    /// Location of the files that contain the temperature.
     pub files: Files,
     /// Complete name: chip, device, and the label of the channel. A channel without a label has its name in the driver
     /// instead.
@@ -168,7 +168,7 @@ fn one_wire(root: &Path) -> PathBuf {
     root.join("bus/w1/devices")
 }
 
-/// Returns the entries of a directory, sorted by name.
+/// Returns the entries of a directory, sorted by name; empty if the directory is unreadable.
 fn entries(place: &Path) -> Vec<PathBuf> {
     let entries = read_dir(place).into_iter().flatten().flatten();
     let mut found: Vec<PathBuf> = entries.take(MOST_CHIPS).map(|entry| entry.path()).collect();
@@ -187,7 +187,7 @@ fn channels(chip: &Path, of: impl Fn(&str) -> Option<&str>) -> Vec<String> {
     found
 }
 
-/// Returns the last component of the path to which the symbolic link `path` points.
+/// Returns the last component of the path to which the symbolic link `path` points; `None` if the link is broken.
 fn last_of(path: &Path) -> Option<String> {
     name_of(&path.canonicalize().ok()?)
 }

@@ -17,7 +17,7 @@ use isotherm_core::reading::Reason;
 #[derive(Clone, Debug, Default)]
 pub struct Readers(Arc<Mutex<BTreeSet<PcSensor>>>);
 
-/// Read that has not returned. Dropping this value allows another read of its sensor.
+/// Read of a sensor that has not returned yet. After this value is dropped, the sensor may be read again.
 struct UnderWay {
     readers: Readers,
     sensor: PcSensor,

@@ -5,7 +5,7 @@ use std::fmt;
 use crate::fieldbus::listed::Listed;
 use isotherm_core::codec::PcSensor;
 
-/// Read of these sensors.
+/// Read of the temperatures of these sensors.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct SensorRequest<'a>(pub &'a [PcSensor]);
 

@@ -22,7 +22,7 @@ const TIMEOUT: Duration = Duration::from_secs(2);
 pub struct Temperature {
     /// Name of the sensor in a profile.
     pub sensor: String,
-    /// File that holds the temperature.
+    /// Path of the file that contains the temperature.
     pub read_in: String,
     /// Temperature in °C; `None` if there is no value now.
     pub value: Option<f64>,
@@ -30,7 +30,7 @@ pub struct Temperature {
     pub reason: String,
 }
 
-/// Reads every temperature below this directory, one time each.
+/// Reads each temperature sensor below the directory `root` (usually `/sys`) once.
 pub async fn temperatures(root: &Path, timeout: Duration) -> Vec<Temperature> {
     let present = all(root);
     let sensors: Vec<PcSensor> = present.iter().map(|present| present.sensor.clone()).collect();

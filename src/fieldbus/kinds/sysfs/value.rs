@@ -50,8 +50,8 @@ fn hwmon(chip: &Path, channel: &str) -> Result<f64, Reason> {
     number(&text(&chip.join(format!("{channel}_input")))?)
 }
 
-/// Calculates `(raw + offset) · scale`. Offset and scale belong to the channel, or to all channels of its type. If the
-/// driver provides the calculated value, that value is used.
+/// Returns the temperature of an IIO channel in m°C: `(raw + offset) · scale`. Offset and scale belong to the channel,
+/// or to all channels of its type. If the driver provides the calculated value, that value is used.
 fn iio(chip: &Path, channel: &str) -> Result<f64, Reason> {
     if let Some(milli) = optional(&chip.join(format!("in_{channel}_input")))? {
         return Ok(milli);
@@ -66,8 +66,8 @@ fn iio(chip: &Path, channel: &str) -> Result<f64, Reason> {
     if milli.is_finite() { Ok(milli) } else { Err(Reason::NotANumber) }
 }
 
-/// Reads the file `w1_slave`, which includes the result of the checksum. If it does not exist, reads the file
-/// `temperature`, which has no checksum result.
+/// Reads the temperature of a 1-Wire sensor in m°C from the file `w1_slave`, which includes the result of the checksum.
+/// If that file does not exist, reads the file `temperature`, which has no checksum result.
 fn one_wire(directory: &Path) -> Result<f64, Reason> {
     match text(&directory.join("w1_slave")) {
         Ok(text) => scratchpad(&text),
@@ -77,7 +77,7 @@ fn one_wire(directory: &Path) -> Result<f64, Reason> {
 }
 
 /// Parses two lines: `50 05 4b 46 7f ff 0c 10 1c : crc=1c YES`, and the same bytes with `t=85000`. Returns the
-/// temperature in °C.
+/// temperature in m°C.
 fn scratchpad(text: &str) -> Result<f64, Reason> {
     let mut lines = text.lines();
     let (bytes, verdict) = lines.next().and_then(|line| line.split_once(':')).ok_or(Reason::BadReply)?;

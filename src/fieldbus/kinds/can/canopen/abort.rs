@@ -1,17 +1,17 @@
-//! Reasons for which a device aborts an SDO transfer, as text.
+//! Reasons for which a device aborts an SDO transfer (the read or write of one of its objects), as text.
 
 use std::fmt;
 
-/// 32-bit code of an SDO abort.
+/// 32-bit code that states why an SDO transfer was aborted.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct AbortCode(pub u32);
 
 impl AbortCode {
-    /// The toggle bit did not alternate.
+    /// The toggle bit, which must change with each segment of a transfer, did not change.
     pub const TOGGLE: AbortCode = AbortCode(0x0503_0000);
     /// The answer did not arrive in time.
     pub const TIMED_OUT: AbortCode = AbortCode(0x0504_0000);
-    /// The command does not exist.
+    /// The command of the SDO frame is not valid, or not known.
     pub const COMMAND: AbortCode = AbortCode(0x0504_0001);
     /// The data is larger than the available memory.
     pub const MEMORY: AbortCode = AbortCode(0x0504_0005);
@@ -21,7 +21,7 @@ impl AbortCode {
     pub const NO_OBJECT: AbortCode = AbortCode(0x0602_0000);
     /// The length of the data differs from the length of the object.
     pub const LENGTH: AbortCode = AbortCode(0x0607_0010);
-    /// The sub-index does not exist.
+    /// The object exists, but does not have this sub-index.
     pub const NO_SUB_INDEX: AbortCode = AbortCode(0x0609_0011);
 
     /// Returns the text of this code in CiA 301. Codes of manufacturers have no text in CiA 301, and get a general one.

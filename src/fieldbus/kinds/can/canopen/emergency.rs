@@ -11,7 +11,7 @@ pub const SERVICE: u16 = 0x080;
 /// Emergency message of a node: its error code, its error register, and bytes of the manufacturer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Emergency {
-    /// Error code; 0x00xx: the error is over.
+    /// Error code. A code of the form 0x00xx reports that an earlier error is over.
     pub code: u16,
     /// Kinds of errors that the device has at present (object 1001h).
     pub register: ErrorRegister,
@@ -57,7 +57,7 @@ impl fmt::Display for Emergency {
 }
 
 impl ErrorRegister {
-    /// Returns the kinds of present errors.
+    /// Returns a word for each kind of error that is present, for example `temperature`.
     pub fn kinds(self) -> impl Iterator<Item = &'static str> {
         const KINDS: [&str; 8] = [
             "generic",

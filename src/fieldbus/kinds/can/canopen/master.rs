@@ -1,4 +1,5 @@
-//! Master of a CANopen interface. It starts its nodes after every boot-up, detects missing heartbeats, and sends SYNC.
+//! Master of a CANopen interface. The master starts its nodes after every boot-up, detects missing heartbeats, and
+//! sends SYNC (the message that triggers process data).
 //!
 //! A node that resets returns to the pre-operational state, and sends no process data before the master starts it
 //! again. A node that was never detected counts as lost, just as a node whose heartbeat stopped. The master does not

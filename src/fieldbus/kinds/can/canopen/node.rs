@@ -1,4 +1,5 @@
-//! Boot-up and heartbeat of a node, and the command that starts it.
+//! Boot-up and heartbeat of a node, and the command that starts it. A PDO (process data object) carries values without
+//! a request. An SDO (service data object) reads or writes one object on request.
 
 use std::fmt;
 

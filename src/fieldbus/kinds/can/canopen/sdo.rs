@@ -92,7 +92,7 @@ pub enum Progress {
     Failed(Fault, Option<Frame>),
 }
 
-/// Data that was read from an entry.
+/// Bytes that were read from an entry of the object dictionary.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Data {
     bytes: Vec<u8>,
@@ -121,7 +121,7 @@ impl Client {
         self.begin(Job { entry, data: Some(data.to_vec()) })
     }
 
-    /// Processes a frame. Returns `None` if it is not the expected answer; the client continues to wait.
+    /// Processes a frame. Returns `None` if the frame is not the expected answer; the client then continues to wait.
     pub fn take(&mut self, frame: &Frame) -> Option<Progress> {
         if frame.id() != self.answers() {
             return None;

@@ -11,7 +11,7 @@ use isotherm_core::codec::{Table, checksum};
 
 /// Length in bytes of the longest frame: unit (1), message (253), checksum (2).
 pub(super) const LONGEST: usize = 256;
-/// Number of bytes around the content of a frame: unit (1) and checksum (2).
+/// Number of bytes around the content of a frame (protocol data unit): unit (1) and checksum (2).
 const AROUND: usize = 3;
 /// Length in bytes of the frame of a read request.
 const QUESTION: usize = 8;
@@ -24,13 +24,13 @@ pub(super) enum Reply {
     /// Whole frame of the addressed unit: the range of its protocol data unit, and the index of the byte after the
     /// frame.
     Own { pdu: std::ops::Range<usize>, end: usize },
-    /// Whole frame of another unit; `end` is the index of the byte after it.
+    /// Whole frame of another unit; `end` is the index of the byte after this frame.
     Foreign { end: usize },
     /// The bytes contain no whole frame yet.
     Incomplete,
 }
 
-/// Returns the frame of a request.
+/// Returns the frame of a request as bytes: unit, protocol data unit, checksum.
 pub(super) fn request(unit: u8, request: ModbusRequest<'_>) -> Vec<u8> {
     let mut bytes = vec![unit];
     pdu::question(request, &mut bytes);
@@ -90,7 +90,8 @@ fn incomplete_answer(bytes: &[u8], unit: u8, request: ModbusRequest<'_>) -> Opti
     (bytes.len().saturating_sub(length - 1)..bytes.len()).find(|start| bytes[*start..].starts_with(&begin))
 }
 
-/// Searches for a frame of `unit` that begins before the index `before`.
+/// Searches for a frame of `unit` that begins before the index `before`. If no such frame exists, returns the first
+/// frame of another unit.
 fn find_before(bytes: &[u8], unit: u8, before: usize) -> Reply {
     let frames = (0..before).filter_map(|start| whole(&bytes[start..]).map(|end| (start, start + end)));
     let mut foreign = Reply::Incomplete;
@@ -105,8 +106,8 @@ fn find_before(bytes: &[u8], unit: u8, before: usize) -> Reply {
     foreign
 }
 
-/// Returns all complete answers in order: unit, range of the protocol data unit, and the index of the byte after the
-/// frame.
+/// Returns all complete answers in the bytes, in their order. Each entry has the unit, the range of the protocol data
+/// unit, and the index of the byte after the frame.
 pub(super) fn all(bytes: &[u8]) -> impl Iterator<Item = (u8, std::ops::Range<usize>, usize)> {
     let mut start = 0;
     std::iter::from_fn(move || {

@@ -1,6 +1,6 @@
 //! Read that is sent in one segment after another request (`pipeline = 2`). The device receives the read while it
-//! executes the first request. The next request for the same read returns the answer to it. The age of this answer
-//! counts from the time at which the read was sent.
+//! executes the first request. The next request for the same read returns the answer to the read that was already sent.
+//! The age of this answer counts from the time at which the read was sent.
 
 use crate::fieldbus::error::Fault;
 use crate::fieldbus::kinds::modbus::request::ModbusRequest;

@@ -12,7 +12,7 @@ use isotherm_core::quantity::Moment;
 /// the answer to the replaced request arrives, the connection is closed.
 const MOST: usize = 16;
 
-/// Request that was sent, with the numbers by which the wire recognises its answer.
+/// Request that was sent to a unit. The answer to it has the same transaction number and unit number.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct SentRequest {
     pub(super) transaction: u16,
@@ -36,7 +36,7 @@ impl GivenUp {
         self.requests.extend(request);
     }
 
-    /// Returns whether a late answer may still arrive.
+    /// Returns whether the late answer to any given up request may still arrive.
     pub(super) fn is_expected(&self) -> bool {
         !self.requests.is_empty()
     }

@@ -65,11 +65,11 @@ pub struct Browser {
 pub struct Described {
     /// Node identifier, written as in a profile.
     pub node: String,
-    /// Number of levels below the first node.
+    /// Depth of the node in the tree: number of levels below the first node.
     pub depth: usize,
     /// Display name of the node on the server.
     pub name: String,
-    /// Value and type, if the node is a variable.
+    /// Value and type of a variable; `None` for other nodes.
     #[serde(flatten)]
     pub variable: Option<Value>,
     /// Status of the value, or of the attributes if these cannot be read.
@@ -100,7 +100,7 @@ pub struct Value {
 pub struct Tree {
     /// First node, followed by its descendants in depth-first order.
     pub nodes: Vec<Described>,
-    /// Whether the list is incomplete, because the server has more nodes below the first one.
+    /// Whether the list is incomplete, because the server has more nodes below the first node than the list contains.
     pub is_cut: bool,
     /// Namespace URIs of the nodes by index, except the namespace of OPC UA itself.
     pub namespaces: BTreeMap<u16, String>,
@@ -225,7 +225,8 @@ impl Browser {
         self.link.close().await;
     }
 
-    /// Returns at most `room` child nodes of a node. The `bool` is true if the server has more of them.
+    /// Returns at most `room` child nodes of a node. The `bool` is true if the server has more child nodes of this
+    /// node.
     async fn below(&mut self, id: &NodeId, room: usize) -> Result<(Vec<NodeId>, bool), Fault> {
         let browse = BrowseDescription {
             node_id: id.clone(),
@@ -263,7 +264,7 @@ impl Browser {
         }
     }
 
-    /// Releases a continuation point, with which the server would otherwise keep the state of an unfinished browse.
+    /// Releases a continuation point. Without the release, the server would keep the state of an unfinished browse.
     async fn release(&mut self, point: ByteString) -> Result<(), Fault> {
         if point.is_null_or_empty() {
             return Ok(());

@@ -15,7 +15,7 @@ pub(super) enum Service {
     Read,
     /// Creation of the monitored items (nodes) of a subscription.
     Monitor,
-    /// Notifications in one message of a subscription.
+    /// Messages of a subscription. The size is the number of notifications (new values) in one message.
     Publish,
 }
 

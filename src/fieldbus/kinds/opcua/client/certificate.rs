@@ -32,7 +32,8 @@ use super::files::{application, certificate};
 /// Key length in bits. Every supported security policy accepts it, and even the computer of a small control can process
 /// it.
 const KEY_BITS: usize = 2048;
-/// A new certificate is valid from this time before its creation, because the clock of a control may be slow.
+/// Time by which the validity of a new certificate begins before its creation, because the clock of a control may be
+/// slow.
 const EARLIER: Duration = Duration::from_hours(24);
 /// Object identifier of the extended key usage "TLS client authentication", which OPC UA requires of a client.
 const OF_A_CLIENT: ObjectIdentifier = ObjectIdentifier::new_unwrap("1.3.6.1.5.5.7.3.2");
@@ -54,7 +55,7 @@ const SHA256_DIGITS: usize = 64;
 /// Content of a certificate that users see and compare, for example the thumbprint.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Certificate {
-    /// Subject of the certificate, as text.
+    /// Subject of the certificate as text: the name of its owner.
     pub subject: String,
     /// URI of the OPC UA application in the certificate; `None` if the certificate has no such URI.
     pub application: Option<String>,
@@ -62,10 +63,10 @@ pub struct Certificate {
     pub thumbprint: String,
     /// SHA-256 digest of the certificate, which newer programs display.
     pub sha256: String,
-    /// Start of the validity.
+    /// Time at which the certificate becomes valid.
     #[serde(serialize_with = "in_text")]
     pub from: Moment,
-    /// End of the validity.
+    /// Time at which the certificate expires.
     #[serde(serialize_with = "in_text")]
     pub to: Moment,
     /// Length of the RSA key in bits; `None` if the key is not an RSA key.

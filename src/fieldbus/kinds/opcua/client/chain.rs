@@ -16,8 +16,7 @@ use x509_cert::der::{Decode, Reader, SliceReader};
 const OPENED: &[u8] = b"OPNF";
 /// Length in bytes of the type, the length and the number of the channel, with which each message begins.
 const HEADER: usize = 12;
-/// Maximum length of a key in bytes up to which one byte contains the length of the padding. A longer key needs two
-/// bytes.
+/// Longest key, in bytes, for which one byte contains the length of the padding. A longer key needs two bytes.
 const LONG_KEY: usize = 256;
 
 /// Returns the first certificate of a chain in DER form; `None` if it is unreadable.
@@ -95,8 +94,8 @@ impl ChainOpener {
     }
 }
 
-/// Reads a field that follows its length (32 bits, lowest byte first; below zero for an empty field). `rest` then
-/// begins after the field.
+/// Reads a field and the length before it (32 bits, lowest byte first; a negative length means an empty field).
+/// Afterwards `rest` begins after the field. Returns `None` if bytes are missing.
 fn field<'m>(rest: &mut &'m [u8]) -> Option<&'m [u8]> {
     let (length, after) = rest.split_first_chunk::<4>()?;
     let length = usize::try_from(i32::from_le_bytes(*length)).unwrap_or(0);
@@ -105,8 +104,8 @@ fn field<'m>(rest: &mut &'m [u8]) -> Option<&'m [u8]> {
     Some(field)
 }
 
-/// Returns the number of padding bytes at the end of decrypted content. `key` is the length of the receiver's key in
-/// bytes.
+/// Returns the number of padding bytes at the end of decrypted content; `None` if the content is too short. `key` is
+/// the length of the receiver's key in bytes.
 fn padding(padded: &[u8], key: usize) -> Option<usize> {
     let (high, before) = padded.split_last()?;
     if key <= LONG_KEY {

@@ -219,8 +219,8 @@ impl Link {
         }
     }
 
-    /// Closes the channel, so that another client can use a channel of the server. The call waits until the message has
-    /// been sent.
+    /// Closes the channel, so that another client can use a channel of the server. The call waits until the close
+    /// message has been sent.
     pub(super) async fn close(mut self) {
         if !self.is_broken {
             let channel = self.channel.clone();

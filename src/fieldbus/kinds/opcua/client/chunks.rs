@@ -1,4 +1,5 @@
-//! Chunks that a server sends, before the library reads them.
+//! Chunks (whole messages of OPC UA, or parts of them) that a server sends. This code processes each chunk before the
+//! library.
 //!
 //! - The length of a chunk is limited. Without the limit, the library would allocate the length that a chunk header
 //!   states, up to four gigabytes.
@@ -51,7 +52,7 @@ impl Peer {
         Peer { reply: Mutex::default(), opener }
     }
 
-    /// Returns the reply so far.
+    /// Returns the reply of the server to the opening of the connection, as far as it has arrived.
     pub(super) fn reply(&self) -> Reply {
         *self.reply.lock().unwrap_or_else(PoisonError::into_inner)
     }
@@ -98,7 +99,7 @@ pub(super) struct Chunks<R> {
     peer: Arc<Peer>,
     /// Received bytes of a chunk that is not complete yet.
     incomplete: Vec<u8>,
-    /// Complete chunks, and the number of their bytes that the library has read.
+    /// Bytes of complete chunks. `passed`: number of these bytes that the library has read.
     complete: Vec<u8>,
     passed: usize,
 }
@@ -108,7 +109,7 @@ impl<R> Chunks<R> {
         Chunks { inner, longest, peer, incomplete: Vec::new(), complete: Vec::new(), passed: 0 }
     }
 
-    /// Adds input, and moves the chunks that are complete now.
+    /// Adds received bytes to `incomplete`, and moves the chunks that are now complete to `complete`.
     fn take(&mut self, bytes: &[u8]) -> Result<()> {
         self.incomplete.extend_from_slice(bytes);
         let mut begin = 0;
@@ -127,7 +128,7 @@ impl<R> Chunks<R> {
         Ok(())
     }
 
-    /// Fills the buffer with bytes of complete chunks. Returns false if no bytes are left.
+    /// Copies bytes of complete chunks into the buffer. Returns false if no bytes were left to copy.
     fn fill(&mut self, buffer: &mut ReadBuf<'_>) -> bool {
         let rest = &self.complete[self.passed..];
         let count = rest.len().min(buffer.remaining());

@@ -27,7 +27,7 @@ pub(super) struct Files {
     pub(super) application: String,
 }
 
-/// Returns the mistakes in the files that an OPC UA line names.
+/// Returns the mistakes in the files that an OPC UA line names; empty if all files are usable.
 pub(in crate::fieldbus) fn wrong(line: &OpcUa) -> Vec<ProfileError> {
     Files::read(line).err().unwrap_or_default()
 }
@@ -130,7 +130,8 @@ pub(super) fn pair(
     Some((parsed, secret))
 }
 
-/// Reads a certificate in DER or PEM form. The certificates of its authorities may follow it.
+/// Reads a certificate in DER or PEM form; returns `None` if it is unreadable. The certificates of its authorities may
+/// follow in `bytes`.
 pub(super) fn certificate(bytes: &[u8]) -> Option<X509> {
     if let Some(own) = leaf(bytes) {
         return X509::from_der(own).ok();
@@ -139,7 +140,7 @@ pub(super) fn certificate(bytes: &[u8]) -> Option<X509> {
     X509::from_pem(bytes.get(..end)?).ok()
 }
 
-/// Returns the application URI of a certificate.
+/// Returns the application URI of a certificate; `None` if the certificate does not contain a URI.
 pub(super) fn application(cert: &X509) -> Option<String> {
     let cert = Certificate::from_der(&cert.to_der().ok()?).ok()?;
     let (_, names) = cert.tbs_certificate.get::<SubjectAltName>().ok()??;

@@ -11,7 +11,7 @@ use super::endpoint::{is_spoken, security_of};
 use super::{OPENING, offered};
 use crate::fieldbus::error::Fault;
 
-/// One endpoint of a server.
+/// Endpoint of a server: a URL with one security mode and one security policy.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Offer {
     /// URL of the endpoint, as the server reports it.
@@ -21,11 +21,11 @@ pub struct Offer {
     pub security: Option<Security>,
     /// Security policy, for example `Basic256Sha256`.
     pub policy: String,
-    /// Whether the gateway supports the endpoint.
+    /// Whether the gateway supports the protocol and the security policy of the endpoint.
     pub is_spoken: bool,
     /// Kinds of users that the endpoint accepts: `anonymous`, `password`, `certificate`.
     pub users: Vec<&'static str>,
-    /// Certificate of the server.
+    /// Certificate of the server; `None` if the endpoint has no readable certificate.
     pub certificate: Option<Certificate>,
 }
 

@@ -1,4 +1,5 @@
-//! Publish requests that wait at a server, one for each subscription, and the processing of their answers.
+//! Publish requests, one for each subscription, and the processing of their answers. A Publish request waits at the
+//! server until the server has a message to send.
 
 use std::collections::VecDeque;
 use std::future::Future;
@@ -211,8 +212,8 @@ impl Publishing {
         }
     }
 
-    /// Returns whether the next request may take longer than an answer, because the line may have to subscribe to the
-    /// nodes.
+    /// Returns whether the next request may take longer than an ordinary read, because the line may first have to
+    /// subscribe to the nodes.
     pub(super) fn may_take_long(&self, asked: &Subscription) -> bool {
         let is_whole = |state: &State| !state.sent().is_some_and(|sent| sent.lacks);
         !self.of.iter().any(|(of, state)| of == asked && is_whole(state))
@@ -274,8 +275,8 @@ impl Publishing {
         self.ask(link, session, now).await
     }
 
-    /// Deletes unused subscriptions at the server: subscriptions of an earlier connection, with missing messages, or
-    /// replaced by polling.
+    /// Deletes subscriptions at the server that the gateway no longer uses. Examples: a subscription of an earlier
+    /// connection, one with missing messages, and one that the line has replaced by polling.
     async fn end_others(&mut self, link: &mut Link, session: &Session) -> Result<(), Error> {
         let is_kept =
             |id: &u32| self.of.iter().any(|(_, state)| state.sent().is_some_and(|sent| sent.id == *id));

@@ -90,7 +90,7 @@ fn user(offers: &[Offer], security: Security) -> &'static str {
     }
 }
 
-/// Returns the word for a kind of security in a profile.
+/// Returns the value of the key `security` in a profile for this security mode.
 const fn word(security: Security) -> &'static str {
     match security {
         Security::None => "none",

@@ -59,7 +59,8 @@ pub(in crate::fieldbus) fn read(server: &OpcUaServer) -> Result<ServerFiles, Vec
     if wrong.is_empty() { Ok(ServerFiles { own, application: uri, trusted, secrets }) } else { Err(wrong) }
 }
 
-/// Returns a password without the newline at its end.
+/// Returns a password without the newline at its end. The error is a text about the mistake, for example an empty
+/// password.
 fn password(bytes: &[u8]) -> Result<Vec<u8>, &'static str> {
     let text = std::str::from_utf8(bytes).map_err(|_| "the file is not text in UTF-8")?;
     let text = text.trim_end_matches(['\r', '\n']);

@@ -58,7 +58,7 @@ struct ServerSession {
 #[derive(Clone, Copy)]
 pub(super) struct Login<'a> {
     pub(super) endpoint: &'a EndpointDescription,
-    /// Certificate of the gateway with its private key.
+    /// Certificate of the gateway with its private key; `None` without security.
     pub(super) own: Option<&'a (X509, PrivateKey)>,
     pub(super) user: &'a IdentityToken,
 }
@@ -127,7 +127,7 @@ impl Session {
         self.hold(None);
     }
 
-    /// Returns the authentication token of the session.
+    /// Returns the authentication token, which each request of the session must contain.
     pub(super) fn token(&self) -> NodeId {
         self.held().map_or(NodeId::null(), |held| held.token)
     }
@@ -278,7 +278,7 @@ impl Session {
         let _ = link.ask(close.send(&channel)).await;
     }
 
-    /// Reads how many nodes the server accepts in one call. If the server has no limit, the result is unlimited.
+    /// Reads how many nodes the server accepts in one call. A limit that the server does not state is `usize::MAX`.
     pub(super) async fn limits(&self, link: &mut Link) -> Result<Limits, Error> {
         let read = VariableId::Server_ServerCapabilities_OperationLimits_MaxNodesPerRead;
         let write = VariableId::Server_ServerCapabilities_OperationLimits_MaxNodesPerWrite;

@@ -56,15 +56,15 @@ pub(super) struct Subscribed {
     /// Time at which the last message arrived. `made` is the time at which the subscription was created.
     heard: Moment,
     made: Moment,
-    /// Whether the server does not have some of the nodes.
+    /// Whether some of the nodes do not exist at the server.
     pub(super) lacks: bool,
     /// Namespace table of the server, and its number of changes at the time when the subscription was created.
     namespaces: (NamespaceTable, u64),
-    /// Longest time between two messages that the server has promised, with an allowance for the transmission.
+    /// Longest time that the server has promised between two messages, plus an allowance for the transmission.
     pub(super) patience: Duration,
-    /// Sampling period of the server: greatest age of a value that it reports as unchanged.
+    /// Sampling period of the server: greatest age of a value that the server reports as unchanged.
     sampling: Duration,
-    /// Numbers of the messages that are not acknowledged yet.
+    /// Numbers of the received messages that the gateway has not acknowledged yet.
     received: Vec<u32>,
 }
 
@@ -73,8 +73,8 @@ pub(super) struct Subscribed {
 struct Confirmed {
     /// Time at which the gateway sent the Publish request that this message answers.
     asked: Moment,
-    /// Time at which the server sent the message, by the server's clock. `lay` is the time that the message waited at
-    /// the server before that.
+    /// Time at which the server sent the message, by the server's clock. `lay` is the time for which the message waited
+    /// at the server before it was sent.
     sent: DateTime,
     lay: Duration,
 }
@@ -256,7 +256,7 @@ async fn monitor(
     }
 }
 
-/// Converts a count to the 32-bit number that OPC UA transmits.
+/// Converts a count to the 32-bit number that OPC UA transmits. A larger count becomes the largest number.
 fn number(count: usize) -> u32 {
     u32::try_from(count).unwrap_or(u32::MAX)
 }
@@ -273,8 +273,8 @@ fn is_of_the_subscription(status: StatusCode) -> bool {
     )
 }
 
-/// Returns the request to monitor one node. The server keeps only the newest value in its queue. `place` is the number
-/// of the node in messages.
+/// Returns the request to monitor one node. The server keeps only the newest value in its queue. `place` is the index
+/// of the node, by which the messages of the server identify it.
 fn item(node: NodeId, place: usize, asked: &Subscription) -> Option<MonitoredItemCreateRequest> {
     let trigger =
         if asked.by_stamp { DataChangeTrigger::StatusValueTimestamp } else { DataChangeTrigger::StatusValue };

@@ -169,8 +169,9 @@ impl OpcUa {
     }
 }
 
-/// Returns the nodes to request, and for each node of the profile the index of its value among them. All elements of an
-/// array share one entry. A node without an id is not requested, and gets `None`.
+/// Returns the identifiers of the nodes to request, each only once. The second list contains, for each node of the
+/// profile, the index of its value in the answer. All elements of an array share one entry. A node without an
+/// identifier is not requested, and gets `None`.
 fn distinct(nodes: &[Node], known: &[Option<NodeId>]) -> (Vec<NodeId>, Vec<Option<usize>>) {
     let (mut ids, mut arrays): (Vec<NodeId>, Vec<usize>) = (Vec::with_capacity(nodes.len()), Vec::new());
     let places = nodes.iter().zip(known).map(|(node, id)| {
