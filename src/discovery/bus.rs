@@ -20,7 +20,7 @@ pub use isotherm_profile::{Parity, Serial};
 /// Transport and address of a bus line.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct LineAddress {
-    /// Transport of the line.
+    /// Transport of the line, for example Modbus TCP, or RTU on a serial port.
     pub transport: Transport,
     /// Address in the notation of the transport: host and port, URL, path of the serial port, CAN interface, or
     /// directory of the kernel's sensors.

@@ -1,6 +1,6 @@
 //! Test of a device that does not serve a planned read of several values. The test divides the read into other reads,
 //! with other quirks (profile settings for peculiar devices). It finds the quirks with which the device serves all
-//! values. It only reads.
+//! values. The test only reads.
 
 use serde::Serialize;
 

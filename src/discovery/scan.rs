@@ -14,7 +14,7 @@ use crate::fieldbus::wire::Answer;
 use isotherm_core::codec::Register;
 use isotherm_profile::{Bus, Quirks, Transport};
 
-/// Length in bytes of an RTU frame that reads one register. `ANSWER` is the length of the answer to it.
+/// Length in bytes of an RTU frame that reads one register. `ANSWER` is the length of the answer to this frame.
 const REQUEST: usize = 8;
 const ANSWER: usize = 7;
 /// Maximum number of units that are tested with a pause after connecting, if no unit has answered the scan.
@@ -31,7 +31,7 @@ pub struct Scan {
     pub quirks: Quirks,
     /// Unit numbers to query.
     pub units: RangeInclusive<u8>,
-    /// Registers to read. The scan reads the next register of a unit only if the read of the previous one got no
+    /// Registers to read. The scan reads the next register of a unit only if the read of the previous register got no
     /// answer.
     pub registers: Vec<Register>,
     /// Callback that receives every exchange, for a log; `None`: no log.
@@ -168,7 +168,7 @@ impl Scan {
 /// Error of a scan that ended early because the line failed.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct FailedScan {
-    /// First unit that was not completely scanned.
+    /// Number of the first unit that was not completely scanned.
     pub unit: u8,
     /// Fault of the line.
     pub fault: Fault,

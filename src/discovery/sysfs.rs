@@ -27,7 +27,7 @@ pub struct Inspected {
     pub advice: Option<String>,
 }
 
-/// Looks up the files of each sensor of a profile. It reads no temperature.
+/// Looks up the files of each sensor of a profile. The function reads no temperature.
 pub fn inspect(profile: &Profile) -> Vec<Inspected> {
     let mut inspected = Vec::new();
     for signal in &profile.signals {

@@ -9,7 +9,8 @@ use isotherm_core::codec::{DataType, Encoding, Register, Scale, WordOrder};
 /// Format of the values in registers.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ValueFormat {
-    /// Data type. With `None`, a register is shown as unsigned 16-bit number, and also as a signed one if that differs.
+    /// Data type. With `None`, a register is shown as unsigned 16-bit number, and also as a signed number if that
+    /// differs.
     pub data_type: Option<DataType>,
     /// Word order. With `None`, a value of several registers is shown in both word orders.
     pub word_order: Option<WordOrder>,

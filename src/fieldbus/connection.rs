@@ -19,7 +19,8 @@ pub trait Dial: Send {
     /// Some transports have no bytes to log.
     fn dial<'a>(&'a mut self, tap: &'a Tap) -> Boxed<'a, Result<Connection, Fault>>;
 
-    /// Returns the fault to report if the other end accepts a connection and closes it before its first answer.
+    /// Returns the fault to report if the other end accepts a connection and closes the connection before the first
+    /// answer.
     fn turned_away(&self) -> Fault {
         Fault::Link(LinkFault::TurnedAway)
     }
@@ -47,13 +48,14 @@ pub trait Dial: Send {
     }
 }
 
-/// Open connection of a line, by its protocol.
+/// Open connection of a line: Modbus TCP, another Modbus connection, or a connection of another protocol.
 #[allow(
     clippy::large_enum_variant,
     reason = "each bus line has only one such value, and calls of Modbus TCP through a pointer would be slower"
 )]
 pub enum Connection {
-    /// Modbus TCP, the most common kind. It is called without dynamic dispatch, which would slow down a fast loop.
+    /// Modbus TCP, the most common kind. Its methods are called without dynamic dispatch, which would slow down a fast
+    /// loop.
     ModbusTcp(ModbusTcp),
     /// Any other Modbus connection, for example with RTU frames, called by dynamic dispatch.
     Modbus(Box<dyn ModbusWire>),

@@ -13,7 +13,7 @@ pub enum Fault {
     /// The gateway did not send a request, because it is not allowed or not possible now.
     #[error("{0}")]
     Caller(CallerFault),
-    /// The connection failed.
+    /// The connection could not be opened, or has failed.
     #[error("{0}")]
     Link(LinkFault),
     /// The device sent an invalid reply.
@@ -33,7 +33,7 @@ pub enum Fault {
         "the server has written only some nodes of one call, and refused node {place} of this call: {status}"
     )]
     Part {
-        /// Status that the server gave for the first node that it did not write.
+        /// Status that the server gave for the first node that was not written.
         status: Status,
         /// Number of this node within the call, counted from 1.
         place: u16,
@@ -51,7 +51,7 @@ pub enum Fault {
     Timeout,
 }
 
-/// Request that must not be sent.
+/// Reason why the gateway does not send a request.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, thiserror::Error)]
 pub enum CallerFault {
     /// The request has no registers, too many registers for one message, or registers beyond the last address.
@@ -81,7 +81,7 @@ pub enum CallerFault {
     TooManyNodes(u32),
 }
 
-/// Failure of a connection.
+/// Reason why a connection could not be opened, or has failed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, thiserror::Error)]
 pub enum LinkFault {
     /// No program listens at the port.
@@ -126,8 +126,8 @@ pub enum LinkFault {
     /// The CAN interface failed.
     #[error("{0}")]
     Can(CanFault),
-    /// The gateway has no session with the OPC UA server, because the server refused it or a check of the gateway
-    /// failed.
+    /// The gateway has no session with the OPC UA server, because the server refused the session or a check of the
+    /// gateway failed.
     #[error("{0}")]
     OpcUa(OpcUaFault),
     /// The line has no connection now, and waits for its next attempt to connect.
@@ -176,7 +176,7 @@ pub enum PeerFault {
     /// one.
     #[error("the reply names unit {0}, which was not requested")]
     Unit(u8),
-    /// Reply with another function code.
+    /// Reply whose function code differs from the function code of the request.
     #[error("reply with another function code")]
     Function,
     /// Reply with more or fewer registers than requested.
@@ -306,7 +306,7 @@ impl Fault {
         }
     }
 
-    /// Returns whether a Modbus gateway reports, with exception 10 or 11, that the device behind it did not answer.
+    /// Returns whether a Modbus gateway reports, with exception 10 or 11, that the requested device did not answer.
     pub const fn is_of_a_gateway(self) -> bool {
         matches!(self, Fault::Exception(10 | 11))
     }

@@ -1,5 +1,5 @@
 //! Causes and remedies of faults. The commands `scan`, `read` and `check --online`, the events, the log and the web
-//! page take them from here.
+//! page take these texts from this module.
 //!
 //! The `Display` text of a [`Fault`] is its cause. [`remedy`] returns what the user can do, and [`explain`] joins the
 //! two. The advice is more specific if more is known about the failed request, see [`Seen`].

@@ -125,7 +125,7 @@ pub struct DeviceLine {
 /// Treatment of a connection after a timeout, if the line can recognise and discard late answers on this connection.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum AfterTimeout {
-    /// The line keeps the connection.
+    /// The line keeps the connection, and discards the late answer.
     Keep,
     /// The line drops the connection. Most of the units may not exist, so the line never waits for a Modbus gateway.
     Renew,
@@ -241,7 +241,7 @@ impl DeviceLine {
         self
     }
 
-    /// Reverses [`DeviceLine::renewed_after_timeouts`].
+    /// Makes the line keep the connection after a timeout again. Reverses [`DeviceLine::renewed_after_timeouts`].
     pub fn kept_after_timeouts(mut self) -> DeviceLine {
         self.after_timeout = AfterTimeout::Keep;
         self
@@ -271,7 +271,7 @@ impl DeviceLine {
         }
     }
 
-    /// Returns the last clock sample.
+    /// Returns the time of the last clock sample.
     pub fn last_sample(&self) -> Moment {
         self.send_guard.last_sample()
     }
@@ -282,8 +282,8 @@ impl DeviceLine {
         self.wire.is_some() || self.is_put_down
     }
 
-    /// Ends the back-off of a device, so that it gets a request at once. `None` ends the back-off of the line and of
-    /// all its devices.
+    /// Ends the back-off of a device, so that the device can get a request at once. `None` ends the back-off of the
+    /// line and of all its devices.
     pub fn revive(&mut self, device: Option<DeviceId>) {
         self.units.revive(device);
         if device.is_none() {

@@ -23,7 +23,7 @@ pub enum Request<'a> {
     Modbus(ModbusRequest<'a>),
     /// Request on a CAN line, which has no registers.
     Can(CanRequest<'a>),
-    /// Request to an OPC UA server.
+    /// Request to an OPC UA server, for example a read of nodes.
     Nodes(NodeRequest<'a>),
     /// Read of sensors of this computer.
     Sensors(SensorRequest<'a>),
@@ -36,7 +36,7 @@ pub enum Request<'a> {
 pub struct NodeReading {
     /// Value as registers, the most significant first; or the reason why there is no value.
     pub value: Result<Encoded, Reason>,
-    /// Age of the value by its time stamp, if the server sent one.
+    /// Age of the value by its time stamp, if the server sent a time stamp.
     pub stamped: Stamped,
     /// Time from which the age of the value counts. A value of a subscription is as old as the Publish request that the
     /// server answered with it. `None`: the age counts from the present request.
@@ -48,7 +48,7 @@ pub struct NodeReading {
 pub enum Stamped {
     /// The value has no time stamp.
     Unknown,
-    /// Age of the value.
+    /// Time from the time stamp of the value to the answer.
     Ago(Duration),
     /// The time stamp of the value is later than the answer, so one of the clocks is wrong.
     Ahead,

@@ -17,7 +17,7 @@ pub struct Seen {
     pub others: Others,
 }
 
-/// Kind and size of a request to a Modbus unit, as far as the advice depends on them.
+/// Kind and size of a request to a Modbus unit, as far as they change the advice.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Asked {
     /// Request whose details do not change the advice.

@@ -28,7 +28,7 @@ pub struct SendGuard {
     /// Whether a gap between clock samples counts as a stop of the computer. This is false under a virtual clock.
     is_watched: bool,
     /// Last clock sample before the computer was stopped; `None` if there was no stop, or the owner of the line has
-    /// read it.
+    /// read this value.
     stalled_at: Option<Moment>,
     is_read: bool,
     not_after: Moment,
@@ -159,7 +159,7 @@ impl SendGuard {
         }
     }
 
-    /// Returns the last clock sample.
+    /// Returns the time of the last clock sample.
     pub(super) fn last_sample(&self) -> Moment {
         self.stall_detector.last()
     }
@@ -169,8 +169,8 @@ impl SendGuard {
         self.stalled_at.is_some()
     }
 
-    /// Returns the last clock sample before the computer was stopped, and resets it. `None` if there was no stop since
-    /// the last call.
+    /// Returns the last clock sample before the computer was stopped, and resets this value. `None` if there was no
+    /// stop since the last call.
     pub fn stalled_at(&mut self) -> Option<Moment> {
         self.stalled_at.take()
     }

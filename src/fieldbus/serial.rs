@@ -1,8 +1,8 @@
 //! Serial ports of this computer. The module uses system calls directly, without a library for serial ports.
 //!
 //! A port is opened by its path each time. An adapter that was unplugged is found again under the same name below
-//! /dev/serial/by-id. The port is locked while it is open. Its [`PortIdentity`] distinguishes it from another port that
-//! has got the same name.
+//! /dev/serial/by-id. The port is locked while it is open. The [`PortIdentity`] of a port distinguishes it from another
+//! port that has got the same name.
 
 use std::fs::File;
 use std::io;

@@ -117,7 +117,7 @@ impl Tap {
         })
     }
 
-    /// Ends the recording of an exchange, and sends it with its result to the listeners.
+    /// Ends the recording of an exchange, and sends the exchange with its result to the listeners.
     pub(super) fn tell(
         &self,
         asked_at: Moment,

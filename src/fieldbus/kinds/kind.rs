@@ -24,7 +24,7 @@ pub struct BusKind {
     /// Formats an address for messages to users.
     pub shown: fn(Transport, &str) -> String,
     /// Returns the object that opens the connections of a bus. Returns `None` for a CAN interface, because the task
-    /// that receives its frames opens it.
+    /// that receives its frames opens the interface.
     pub dial: fn(&Bus) -> Option<Box<dyn Dial>>,
     /// Returns the remedy for a fault; `None` if the general remedy for all types of bus applies.
     pub hint: fn(Fault) -> Option<&'static str>,
@@ -63,7 +63,7 @@ pub enum LinePlace {
 pub enum ScanKind {
     /// Line of units with registers. The scan reads registers of each unit number.
     Units {
-        /// Advice if no unit answers.
+        /// Advice to the user if no unit answers.
         unanswered: &'static str,
         /// Advice after an answer that violates the protocol. The text begins with a space.
         malformed: &'static str,
@@ -73,7 +73,7 @@ pub enum ScanKind {
         /// Description of the line for a message, for example "a CAN line".
         is: &'static str,
         /// Advice for the user: the command to use on this line, because commands that read registers do not support
-        /// it.
+        /// this line.
         instead: &'static str,
         /// Function that scans the line; `None` if no scan is possible.
         scan: Option<ScanFunction>,

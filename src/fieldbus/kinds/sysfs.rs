@@ -66,7 +66,7 @@ const AT_THIS_COMPUTER: &str = "the kernel driver of the sensors does not return
                                 kernel repeats the reading for seconds? `dmesg` says more. The gateway reads \
                                 each sensor again when its driver has returned";
 
-/// Connection opener for the sensors of this computer. Opening does nothing, because they have no connection.
+/// Connection opener for the sensors of this computer. Opening does nothing, because the sensors have no connection.
 struct SysfsDial {
     root: PathBuf,
     timeout: Duration,

@@ -17,7 +17,7 @@ pub(super) struct ClosingHabit(u32);
 
 impl ClosingHabit {
     /// Records the end of a connection on which `answers` complete answers have arrived. Returns whether the server
-    /// closed it in an orderly way after a complete answer.
+    /// closed the connection in an orderly way after a complete answer.
     pub(super) fn ended(&mut self, answers: u32, ending: Ending) -> bool {
         let is_orderly = ending == Ending::Closed && answers > 0;
         self.0 = if is_orderly && answers == 1 { self.0.saturating_add(1) } else { 0 };

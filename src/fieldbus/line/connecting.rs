@@ -13,8 +13,8 @@ use isotherm_core::codec::{Register, Table};
 use isotherm_core::continuity::Break;
 use isotherm_core::quantity::Moment;
 
-/// Shortest normal duration of a connection. If the other end closes a connection sooner, it probably did so for
-/// another client.
+/// Shortest normal duration of a connection. If the other end closes a connection sooner, it probably accepts another
+/// client instead.
 const SHORT_LIFE: Duration = Duration::from_secs(5);
 /// Number of short connections in a row after which the line backs off. A device that accepts one client drops the
 /// first client when a second one connects. Two masters that reconnect at once would interrupt each other for ever.
@@ -22,8 +22,8 @@ const SHORT_LIVES: u32 = 3;
 
 impl DeviceLine {
     /// Closes the connection after an answer, if the device with the index `place` accepts one client at a time
-    /// (`quirks.close_after_each`). Also closes the connection if the server itself usually closes it after each
-    /// answer.
+    /// (`quirks.close_after_each`). Also closes the connection if the server itself usually closes each connection
+    /// after an answer.
     pub(super) fn put_down(&mut self, place: usize) {
         if self.units.at(place).quirks.close_after_each || self.closing_habit.is_after_each() {
             self.wire = None;

@@ -13,8 +13,8 @@ use crate::fieldbus::wire::{Answer, Ending};
 use isotherm_core::continuity::Break;
 use isotherm_core::quantity::Moment;
 
-/// Maximum time between two orderly closes of connections. Within this time, they count as a habit of the server, and
-/// not as a broken contact.
+/// Maximum time between two orderly closes of connections. Two closes within this time count as a habit of the server,
+/// and not as a broken contact.
 const HABIT: Duration = Duration::from_secs(3600);
 /// If a timeout ends the connection, and the device has not answered for this time, contact with the device counts as
 /// broken. At the usual polling periods, one lost answer causes a shorter silence.

@@ -1,5 +1,5 @@
 //! Control questions: additional reads for a unit behind a Modbus gateway (from TCP to a serial line). The answers to
-//! them show whether the unit's answers belong to their requests. See [`crate::fieldbus::order_check`].
+//! these reads show whether the unit's answers belong to their requests. See [`crate::fieldbus::order_check`].
 
 use super::DeviceLine;
 use crate::fieldbus::error::Fault;

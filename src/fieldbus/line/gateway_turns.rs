@@ -63,8 +63,8 @@ impl DeviceLine {
         self.gateway.occupied_until().max(Some(self.gateway.waited_until())) > Some(due)
     }
 
-    /// Waits until the Modbus gateway has given up the silent unit, if it may still wait for that unit. If the time of
-    /// giving up is not known, the line opens another connection.
+    /// Waits until the Modbus gateway has given up the silent unit, if the Modbus gateway may still wait for that unit.
+    /// If the time of giving up is not known, the line opens another connection.
     pub(super) async fn wait_for_gateway(&mut self, place: usize) -> Result<(), Fault> {
         let unit = self.units.at(place);
         let (number, is_behind_gateway) = (unit.number, unit.is_behind_gateway);

@@ -39,7 +39,7 @@ const SELDOM: Duration = Duration::from_secs(300);
 /// After a missing answer, a dead unit gets no request for this time, unless another unit answers. After this time,
 /// probably no other unit can answer.
 const PROOF: Duration = Duration::from_secs(30);
-/// Limit of the time for dead units: they occupy the line for at most 1/`SHARE` of the time.
+/// Limit of the time for dead units: requests to dead units occupy the line for at most 1/`SHARE` of the time.
 const SHARE: u32 = 4;
 
 /// State of the Modbus gateway of one line.
@@ -125,7 +125,7 @@ pub(super) enum Wait {
     None,
     /// The line waits for the late answer of the Modbus gateway to the unanswered request, at most until this time.
     Until(Moment),
-    /// The line opens another connection first.
+    /// The line opens another connection before it sends the request.
     Renew,
 }
 
@@ -140,8 +140,8 @@ impl ModbusGateway {
         self.numbers = TransactionNumbers::Wrong;
     }
 
-    /// Records that the Modbus gateway has not accepted a connection, or has closed it before an answer. This has an
-    /// effect only if the line has opened the connection because of a silent unit.
+    /// Records that the Modbus gateway has not accepted a connection, or has closed the connection before an answer.
+    /// This has an effect only if the line has opened the connection because of a silent unit.
     pub(super) fn refuses_connection(&mut self) {
         if self.occupied.is_some() {
             self.renewal = Renewal::Refused;
@@ -216,7 +216,7 @@ impl ModbusGateway {
         self.dead_not_before = asked.after(self.cost(timeout) * SHARE);
     }
 
-    /// Records an answer of a unit. `is_after_timeout`: it arrived only because the line has waited longer than
+    /// Records an answer of a unit. `is_after_timeout`: the answer arrived only because the line has waited longer than
     /// `timeout`.
     pub(super) fn answered(&mut self, unit: u8, is_after_timeout: bool, now: Moment) {
         self.proof = Proof::Given;

@@ -33,7 +33,7 @@ const MOST_FORMS: usize = 64;
 /// Maximum number of further reads to confirm an ambiguous answer.
 const CONFIRMATIONS: u32 = 3;
 
-/// State of the detection of other masters.
+/// State of the detection: whether another master was detected on the line.
 #[derive(Debug, Default)]
 pub(super) enum OtherMasters {
     #[default]

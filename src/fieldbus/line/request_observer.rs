@@ -1,4 +1,4 @@
-//! Observer of the requests of a line.
+//! Observer of the requests of a line. It receives their results, and news about the devices and the line.
 
 use std::time::Duration;
 
@@ -12,7 +12,7 @@ use isotherm_profile::DeviceId;
 /// Receives the result of each request that was sent or failed on the line, and news about the devices and the line.
 pub trait RequestObserver: Send + Sync {
     /// Reports that a request was answered or failed. `refusals`: number of failed attempts to connect since the last
-    /// success, and the fault of the last one.
+    /// success, and the fault of the last attempt.
     fn note(
         &self,
         device: DeviceId,

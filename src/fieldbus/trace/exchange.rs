@@ -12,7 +12,7 @@ use isotherm_core::codec::{Frame, Quoted};
 use isotherm_core::quantity::Moment;
 use isotherm_profile::counted;
 
-/// Request with its result.
+/// Request with its answer or its fault, and the bytes of both.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Exchange {
     /// Wall-clock time at which the request was sent.

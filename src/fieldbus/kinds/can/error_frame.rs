@@ -16,7 +16,8 @@ pub enum ErrorSeverity {
     Over,
     /// A frame failed, and the controller repeats it.
     Error,
-    /// Many frames failed: the controller is error-passive.
+    /// Many frames failed. The controller is error-passive: its error flags no longer disturb the frames of other
+    /// devices.
     Passive,
     /// The controller has disconnected itself from the bus: it sends and receives nothing.
     BusOff,

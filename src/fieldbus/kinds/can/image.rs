@@ -19,7 +19,7 @@ struct Image {
 pub struct Value {
     /// Bits of the value in the frame.
     pub bits: BitField,
-    /// Node and object from which the current value can be read; `None` if no object has it.
+    /// Node and object from which the current value can be read; `None` if no object contains the value.
     pub read_at: Option<(u8, Object)>,
     /// Whether the frame contains the value: the gateway has written it, or has read it from `read_at`.
     is_known: bool,
@@ -52,7 +52,7 @@ impl Images {
     }
 
     /// Records the value of an object that was read from a node. The value is put into its CAN frame only if the frame
-    /// does not contain it yet.
+    /// does not contain this value yet.
     pub fn was_read(&mut self, node: u8, object: Object, registers: &[u16]) {
         for image in &mut self.0 {
             let read = |value: &&Value| !value.is_known && value.read_at == Some((node, object));

@@ -10,7 +10,7 @@ use crate::fieldbus::error::CanFault;
 /// State of a CAN interface.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Interface {
-    /// Whether the interface is up.
+    /// Whether the interface is up, so that it can send and receive frames.
     pub is_up: bool,
     /// Whether the interface supports CAN FD frames.
     pub does_fd: bool,
@@ -19,9 +19,10 @@ pub struct Interface {
     /// Pause in milliseconds after which the controller restarts from bus-off. 0: the controller does not restart by
     /// itself.
     pub restart_ms: Option<u32>,
-    /// State of the controller as text, for example `stopped`; `None` if the driver does not report it.
+    /// State of the controller as text, for example `stopped`; `None` if the driver does not report the state.
     pub state: Option<&'static str>,
-    /// Error counters of the controller: (transmit errors, receive errors). `None` if the driver does not report them.
+    /// Error counters of the controller: (transmit errors, receive errors). `None` if the driver does not report the
+    /// counters.
     pub errors: Option<(u16, u16)>,
 }
 

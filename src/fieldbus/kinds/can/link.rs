@@ -95,7 +95,7 @@ impl Link {
         self.inner().socket.clone()
     }
 
-    /// Returns the reason why sending is impossible now; `None` if it is possible.
+    /// Returns the reason why sending is impossible now; `None` if sending is possible.
     pub fn fault(&self) -> Option<Fault> {
         self.inner().fault
     }
@@ -145,7 +145,7 @@ impl Link {
     }
 
     /// Registers the caller as the requester of SDO transfers, in place of the previous requester. Returns the queue
-    /// from which it receives the SDO frames.
+    /// from which the caller receives the SDO frames.
     pub(super) fn ask(&self) -> mpsc::Receiver<Frame> {
         let (sender, receiver) = mpsc::channel(UNREAD);
         self.inner().passing = Some(sender);

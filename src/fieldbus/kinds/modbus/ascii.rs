@@ -92,8 +92,8 @@ impl<P: Port> AsyncRead for AsciiPort<P> {
 
 impl<P: Port> AsyncWrite for AsciiPort<P> {
     /// Accepts one RTU frame. The flush after it sends the frame as characters. If an earlier frame was not sent
-    /// completely, its rest is dropped. The device discards the incomplete frame when it receives the colon of the new
-    /// one.
+    /// completely, the rest of that frame is dropped. The device discards the incomplete frame when it receives the
+    /// colon of the new one.
     fn poll_write(self: Pin<&mut Self>, _: &mut Context<'_>, bytes: &[u8]) -> Poll<io::Result<usize>> {
         let this = self.get_mut();
         this.unsent = ascii_frame(bytes);

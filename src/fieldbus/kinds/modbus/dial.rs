@@ -23,7 +23,7 @@ pub(super) struct ModbusDial {
     over: LineTransport,
 }
 
-/// Transport of a Modbus line.
+/// Transport of a Modbus line, with the settings that opening the connection requires.
 enum LineTransport {
     Tcp,
     /// Modbus TCP inside TLS. `None`: the files in `tls` are unusable, as [`tls::check`] reports.

@@ -107,9 +107,9 @@ impl OrderCheck {
         others.min_by_key(|read| self.may_be_kept(ReplySignature::of(*read)))
     }
 
-    /// Records the result of a request that was sent. `received` is the form of the received answer, if it is the
-    /// answer to a read. `may_be_late` says whether a late answer may still arrive at the line. Returns true if the
-    /// answer belongs to an earlier request.
+    /// Records the result of a request that was sent. `received` is the form (function and length) of the received
+    /// answer; `None` if no answer to a read was received. `may_be_late` says whether a late answer may still arrive at
+    /// the line. Returns true if the answer belongs to an earlier request.
     pub(in crate::fieldbus) fn assess(
         &mut self,
         request: Request<'_>,

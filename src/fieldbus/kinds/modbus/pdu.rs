@@ -22,7 +22,7 @@ pub(super) const LONGEST: usize = 253;
 /// Bit of the function code that marks an exception.
 pub(super) const EXCEPTION: u8 = 0x80;
 
-/// Appends the encoded request to `bytes`.
+/// Appends the encoded request to `bytes`: function code, address, and value or count; for function 16 also the values.
 pub(super) fn question(request: ModbusRequest<'_>, bytes: &mut Vec<u8>) {
     bytes.extend(head(request));
     if let ModbusRequest::WriteMultiple { values, .. } = request {
@@ -32,7 +32,7 @@ pub(super) fn question(request: ModbusRequest<'_>, bytes: &mut Vec<u8>) {
 }
 
 /// Returns the first five bytes of a request: function, address, and value or count. The answer to a write repeats
-/// them.
+/// these bytes.
 fn head(request: ModbusRequest<'_>) -> [u8; 5] {
     let (at, second) = match request {
         ModbusRequest::Read { from, count } => (from.offset, count),
@@ -48,7 +48,8 @@ fn head(request: ModbusRequest<'_>) -> [u8; 5] {
 ///
 /// # Errors
 /// The device refuses the request, or the bytes are not an answer to the request. An exception has exactly two bytes.
-/// An exception of three or four bytes is a separate fault, because it does not prove that a write was not executed.
+/// An exception of three or four bytes is a separate fault, because such an answer does not prove that a write was not
+/// executed.
 pub(super) fn answer(request: ModbusRequest<'_>, bytes: &[u8]) -> Result<Answer, Fault> {
     let function = bytes.first().copied().unwrap_or_default();
     if function & !EXCEPTION != request.function() {

@@ -1,4 +1,4 @@
-//! Requests to Modbus units.
+//! Requests to Modbus units: reads of registers or bits, and writes of coils or holding registers.
 
 use std::fmt;
 

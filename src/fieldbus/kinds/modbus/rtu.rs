@@ -96,8 +96,8 @@ impl Rtu {
         }
     }
 
-    /// Searches the received bytes for the answer to a request. Returns `None` until it has arrived. `question` is the
-    /// frame of the request.
+    /// Searches the received bytes for the answer to a request. Returns `None` until the answer has arrived. `question`
+    /// is the frame of the request.
     fn find_answer(
         &mut self,
         unit: u8,
@@ -166,7 +166,7 @@ impl Rtu {
         }
     }
 
-    /// Waits for input, and appends it to the received bytes.
+    /// Waits for input, and appends it to `received`.
     async fn receive(&mut self) -> Result<(), Fault> {
         let mut bytes = [0; frame::LONGEST];
         match self.port.receive(&mut bytes).await {

@@ -93,7 +93,7 @@ pub(super) struct OpcUaDial {
     sizes: CallSizes,
     /// Whether the server no longer had the session of the previous connection when the present one was opened.
     is_forgotten: bool,
-    /// Namespaces that the profile names by index.
+    /// Table of the namespaces that the profile names by index, which the bus line and the gateway share.
     namespaces: NamespaceTable,
 }
 
@@ -187,7 +187,7 @@ impl OpcUaDial {
         }
     }
 
-    /// Chooses an endpoint of the server, opens a connection to it, and begins a new session.
+    /// Chooses an endpoint of the server, opens a secure channel to this endpoint, and begins a new session.
     async fn begin(&self, files: &Files) -> Result<(Link, ServerState), Fault> {
         let endpoints = offered(&self.url, self.timeout).await?;
         let endpoint =

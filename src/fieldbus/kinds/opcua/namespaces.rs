@@ -1,7 +1,7 @@
 //! Namespaces of one OPC UA server that a profile names by index. The bus line and the gateway share this table. The
-//! line reads the namespace array of the server with each connection. It translates each index of the profile into the
-//! present index of the server. The gateway stores the URIs and reports changes. [`isotherm_core::namespaces`] decides
-//! what an index means.
+//! line reads the namespace array of the server with each connection. The line translates each index of the profile
+//! into the present index of the server. The gateway stores the URIs and reports changes. [`isotherm_core::namespaces`]
+//! decides what an index means.
 
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};

@@ -58,7 +58,7 @@ impl PendingAnswers {
         self.asked.pop_front()
     }
 
-    /// Returns whether an answer may still arrive.
+    /// Returns whether a request is open, so that its answer may still arrive.
     pub fn is_open(&self) -> bool {
         !self.asked.is_empty()
     }

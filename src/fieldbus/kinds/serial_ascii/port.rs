@@ -31,7 +31,7 @@ impl TextPort {
         TextPort { port: Tapped::new(port, tap), lines, patience }
     }
 
-    /// Discards everything that has arrived.
+    /// Discards everything that has arrived. Returns the number of discarded characters and lines.
     pub(super) async fn discard(&mut self) -> Result<Discarded, Fault> {
         let mut discarded = Discarded { characters: usize::from(self.lines.is_inside()), lines: 0 };
         let mut bytes = [0; 256];

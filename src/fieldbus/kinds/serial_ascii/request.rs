@@ -1,4 +1,4 @@
-//! Requests for lines of text.
+//! Requests for lines of text, for example from a readout, a gauge or a DCON module.
 
 use std::fmt;
 

@@ -41,7 +41,7 @@ const LEAST_WITH_PARITY: usize = 4;
 enum Found {
     /// Line that arrived without a request.
     Sent { line: String },
-    /// Line that followed a request.
+    /// Line that followed a request, with the text of this request.
     Answered { request: String, line: String },
     /// DCON module with this name. `has_sum`: its checksum is switched on.
     Module {
@@ -52,7 +52,7 @@ enum Found {
     },
 }
 
-/// Scans the line of this bus.
+/// Scans the line of this bus. `timeout` is the time within which a device must answer; `None`: the default.
 pub(super) fn report(bus: &Bus, timeout: Option<Duration>) -> Boxed<'_, Result<ScanReport, Fault>> {
     Box::pin(async move {
         let mut dial = TextDial::new(bus).ok_or(Fault::Caller(CallerFault::Function))?;
@@ -251,7 +251,7 @@ impl Found {
     }
 }
 
-/// Returns the value of the key `text` in a profile: a pattern for lines like this one.
+/// Returns the value of the key `text` in a profile: a pattern for lines of the same form as `line`.
 fn like(line: &str) -> String {
     match TextPattern::like(line) {
         Some(pattern) => Quoted(&pattern.to_string()).to_string(),

@@ -26,7 +26,7 @@ use isotherm_core::quantity::Moment;
 use isotherm_core::reading::Reason;
 use isotherm_profile::Serial;
 
-/// Silence before a request if text has arrived without one.
+/// Silence before a request, if text has arrived without a request.
 const SILENCE: Duration = Duration::from_millis(20);
 /// Pause after which an answer with several lines has ended.
 const LAST_LINE: Duration = Duration::from_millis(200);
@@ -34,8 +34,8 @@ const LAST_LINE: Duration = Duration::from_millis(200);
 const OWN: Duration = Duration::from_millis(250);
 /// Assumed length of an answer in characters, for its time on a serial line.
 const ANSWER: usize = 80;
-/// Number of discarded characters from which more old text may follow, because the system may deliver it in several
-/// parts. A port stores 4096 characters.
+/// Number of discarded characters from which more old text may follow, because the system may deliver the text in
+/// several parts. A port stores 4096 characters.
 const BACKLOG: usize = 2048;
 /// Time in which the rest of old text arrives from the buffers of the system or of a serial server.
 const CATCH_UP: Duration = Duration::from_millis(50);

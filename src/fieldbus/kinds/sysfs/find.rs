@@ -50,7 +50,7 @@ pub struct PresentSensor {
 /// Finds the files of a sensor.
 ///
 /// # Errors
-/// No sensor has this name, or several sensors have it.
+/// No sensor has this name, or several sensors have this name.
 pub fn find(root: &Path, sensor: &PcSensor) -> Result<Files, Reason> {
     let chip = match sensor {
         PcSensor::Hwmon(Channel { chip, .. }) | PcSensor::Iio(Channel { chip, .. }) => chip,

@@ -17,7 +17,7 @@ use isotherm_profile::Bus;
 /// Default timeout. A 1-Wire sensor needs almost a second.
 const TIMEOUT: Duration = Duration::from_secs(2);
 
-/// Temperature sensor of this computer.
+/// Temperature sensor of this computer, with its present value.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Temperature {
     /// Name of the sensor in a profile.
@@ -44,7 +44,7 @@ pub async fn temperatures(root: &Path, timeout: Duration) -> Vec<Temperature> {
     found.collect()
 }
 
-/// Reads every temperature below the directory of the line, and describes it.
+/// Reads every temperature below the directory of the line, and describes the sensors as text and JSON.
 pub(super) fn report(bus: &Bus, timeout: Option<Duration>) -> Boxed<'_, Result<ScanReport, Fault>> {
     Box::pin(async move {
         let root = &bus.address;

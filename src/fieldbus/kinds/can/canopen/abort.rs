@@ -24,7 +24,8 @@ impl AbortCode {
     /// The object exists, but does not have this sub-index.
     pub const NO_SUB_INDEX: AbortCode = AbortCode(0x0609_0011);
 
-    /// Returns the text of this code in CiA 301. Codes of manufacturers have no text in CiA 301, and get a general one.
+    /// Returns the text of this code in CiA 301. Codes of manufacturers have no text in CiA 301, and get a general
+    /// text.
     const fn message(self) -> &'static str {
         match self.0 {
             0x0503_0000 => "the toggle bit did not alternate",

@@ -1,4 +1,4 @@
-//! Emergency messages (EMCY) of a node.
+//! Emergency messages (EMCY), with which a node reports an error of its device, or the end of an error.
 
 use std::fmt;
 

@@ -19,7 +19,7 @@ use isotherm_core::quantity::Moment;
 use isotherm_profile::Sync;
 use isotherm_profile::duration_text;
 
-/// Supervision settings of a node.
+/// Supervision settings of a node: its heartbeat timeout, and the condition on which the master starts the node.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Supervision {
     /// Heartbeat timeout, after which the node counts as lost; `None`: its heartbeat is not supervised.
@@ -33,7 +33,7 @@ pub struct Supervision {
 pub enum Start {
     /// The master never starts the node: the node starts by itself, or another master starts it.
     Never,
-    /// The master starts the node when it begins, and after every boot-up of the node.
+    /// The master starts the node when the master itself begins, and after every boot-up of the node.
     AtOnce,
     /// The master starts the node after its setup list (start values of its objects) was written, that is, after each
     /// call of [`Master::set_up`].
@@ -49,7 +49,7 @@ pub enum Output {
     Tell(NodeId, NodeEvent),
 }
 
-/// Event of a node.
+/// Event of a node, for example a boot-up or a missing heartbeat.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum NodeEvent {
     /// The node has booted. Its objects now have the values that they have after power-on.
@@ -164,7 +164,7 @@ impl Master {
         }
     }
 
-    /// Returns the latest moment at which [`Master::tick`] must be called; `None` if it need not be called.
+    /// Returns the latest moment at which [`Master::tick`] must be called; `None` if no call is necessary.
     pub fn due(&self) -> Option<Moment> {
         let sync = self.sync.map(|(_, due)| due);
         self.nodes.iter().filter_map(Node::due).chain(sync).min()

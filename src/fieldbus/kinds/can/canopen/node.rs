@@ -29,7 +29,7 @@ pub enum NodeState {
 
 impl NodeState {
     /// Returns the node and its state; `None` if the frame is not a heartbeat. The top bit of the state byte is
-    /// ignored: in the older node-guarding protocol it alternates.
+    /// ignored: in the older node-guarding protocol this bit alternates.
     pub fn of(frame: &Frame) -> Option<(NodeId, NodeState)> {
         let node = NodeId::sender(frame, HEARTBEAT)?;
         let state = match frame.data().first()? & 0x7f {

@@ -76,7 +76,7 @@ enum Stage {
     Writing { sent: usize, toggle: bool },
 }
 
-/// Effect of an answer on the transfer.
+/// Effect of a received answer on the SDO transfer.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Progress {
     /// Frame that the caller sends next; the transfer continues.
@@ -87,8 +87,7 @@ pub enum Progress {
     Read(Data),
     /// The entry was written.
     Written,
-    /// The transfer failed with this fault. The caller sends the frame, if there is one: it aborts the transfer at the
-    /// node.
+    /// The transfer failed with this fault. If there is a frame, the caller sends it to abort the transfer at the node.
     Failed(Fault, Option<Frame>),
 }
 
@@ -105,7 +104,7 @@ impl Client {
         Client { node, transfer: None, is_unsettled: false, postponed: None, settler: 0 }
     }
 
-    /// Returns the identifier of the node's answers.
+    /// Returns the CAN identifier with which the node sends its answers.
     pub fn answers(&self) -> CanId {
         self.node.identifier(ANSWER)
     }
@@ -192,8 +191,8 @@ impl Client {
         Some(self.abort(transfer.job.entry, AbortCode::TIMED_OUT))
     }
 
-    /// Records a received frame that answers no request. If it is an answer of the node, more such answers may follow.
-    /// The client then reads another entry before its next transfer, to detect that no more answers follow.
+    /// Records a received frame that answers no request. If the frame is an answer of the node, more such answers may
+    /// follow. The client then reads another entry before its next transfer, to detect that no more answers follow.
     pub fn was_not_asked(&mut self, frame: &Frame) {
         self.is_unsettled |= frame.id() == self.answers();
     }
@@ -240,8 +239,8 @@ impl Client {
         Progress::Send(self.frame([0x60, 0, 0, 0, 0, 0, 0, 0]))
     }
 
-    /// Ends a transfer with its last answer. If a transfer was postponed, it begins now: the answer shows that no older
-    /// answer can follow.
+    /// Ends a transfer with its last answer. If a transfer was postponed, this transfer begins now: the answer shows
+    /// that no older answer can follow.
     fn ended(&mut self, progress: Progress) -> Progress {
         self.transfer = None;
         let Some(job) = self.postponed.take() else { return progress };

@@ -125,7 +125,7 @@ pub(super) fn all(bytes: &[u8]) -> impl Iterator<Item = (u8, std::ops::Range<usi
     })
 }
 
-/// Complete frame in received bytes.
+/// Complete frame in received bytes: an answer, or a read request.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) struct Frame {
     pub(super) unit: u8,
@@ -158,14 +158,16 @@ pub(super) fn is_exception(pdu: &[u8]) -> bool {
     pdu.first().is_some_and(|function| function & EXCEPTION != 0)
 }
 
-/// Returns the length of the read request at the start of the bytes, if it is complete and its checksum is correct.
+/// Returns the length of the read request at the start of the bytes; `None` if the request is incomplete, or its
+/// checksum is wrong.
 fn whole_question(bytes: &[u8]) -> Option<usize> {
     let (body, sum) = bytes.get(..QUESTION)?.split_at(QUESTION - 2);
     ReplySignature::of_question(&body[1..])?;
     (checksum(body).to_le_bytes() == *sum).then_some(QUESTION)
 }
 
-/// Returns the length of the answer at the start of the bytes, if it is complete and its checksum is correct.
+/// Returns the length of the answer at the start of the bytes; `None` if the answer is incomplete, or its checksum is
+/// wrong.
 fn whole(bytes: &[u8]) -> Option<usize> {
     let data = match *bytes.get(1)? {
         function if function & EXCEPTION != 0 => 2,

@@ -27,7 +27,7 @@ pub(super) fn assess(received: &[u8], question: &[u8], before: &[u8], answer: us
 }
 
 /// Removes the echo of the request, and a late echo of the request before it. The first bytes of an echo may be
-/// damaged. If only the beginning of the request is left, it is removed too.
+/// damaged. If only the beginning of the request is left, this beginning is removed too.
 fn without_echoes(received: &[u8], question: &[u8], before: &[u8]) -> Vec<u8> {
     let mut left = received.to_vec();
     for sent in [question, before] {

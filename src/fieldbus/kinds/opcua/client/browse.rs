@@ -63,7 +63,7 @@ pub struct Browser {
 /// Node with the attributes that are displayed.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Described {
-    /// Node identifier, written as in a profile.
+    /// Node identifier, written as in a profile, for example `ns=2;i=5`.
     pub node: String,
     /// Depth of the node in the tree: number of levels below the first node.
     pub depth: usize,

@@ -22,10 +22,10 @@ pub(super) enum Service {
 /// Refusal of a call because the call is too large for the server.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum SizeRefusal {
-    /// The server has refused the call with this status, or the library has refused to send it. The connection can
-    /// still be used.
+    /// The server has refused the call with this status, or the library has refused to send the call. The connection
+    /// can still be used.
     Answered(StatusCode),
-    /// The server has closed the connection.
+    /// The server has closed the connection instead of answering the call.
     Closed,
 }
 

@@ -29,8 +29,8 @@ use x509_cert::time::{Time, Validity};
 
 use super::files::{application, certificate};
 
-/// Key length in bits. Every supported security policy accepts it, and even the computer of a small control can process
-/// it.
+/// Key length in bits. Every supported security policy accepts a key of this length, and even the computer of a small
+/// control can process such a key.
 const KEY_BITS: usize = 2048;
 /// Time by which the validity of a new certificate begins before its creation, because the clock of a control may be
 /// slow.
@@ -78,7 +78,7 @@ pub struct Certificate {
     pub der: Vec<u8>,
 }
 
-/// New certificate with its key.
+/// New certificate, with its private key.
 pub struct NewCertificate {
     /// The certificate, in DER form.
     pub cert: Vec<u8>,

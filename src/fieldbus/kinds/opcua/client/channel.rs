@@ -64,7 +64,7 @@ pub(super) fn secured(endpoint: &EndpointDescription) -> AsyncSecureChannel {
     AsyncSecureChannel::new(store, info, never, true, Arc::default(), config, LIFETIME, context)
 }
 
-/// Open socket of a channel, with the certificate that the gateway sends on it.
+/// Open socket of a channel, with the certificate that the gateway sends on this channel.
 pub(super) struct Socket {
     url: String,
     stream: Mutex<Option<TcpStream>>,

@@ -31,7 +31,7 @@ pub(super) enum Reply {
     None,
     /// The server has accepted the connection.
     Acknowledged,
-    /// The server has sent an error message with this status. It then closes the connection.
+    /// The server has sent an error message with this status. The server then closes the connection.
     Error(StatusCode),
     /// The data that arrived is not OPC UA.
     Foreign,
@@ -92,7 +92,7 @@ impl Peer {
     }
 }
 
-/// Reader that returns its input one complete chunk after the other. It fails at a chunk longer than `longest`.
+/// Reader that returns its input one complete chunk after the other. A chunk longer than `longest` is an error.
 pub(super) struct Chunks<R> {
     inner: R,
     longest: usize,

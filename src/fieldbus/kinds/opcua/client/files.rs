@@ -23,7 +23,7 @@ pub(super) struct Files {
     pub(super) own: Option<(X509, PrivateKey)>,
     pub(super) user: IdentityToken,
     trusted: Vec<Vec<u8>>,
-    /// Application URI of the gateway. Servers compare it with the URI in the certificate.
+    /// Application URI that the gateway reports. Servers compare this URI with the URI in the certificate.
     pub(super) application: String,
 }
 

@@ -15,7 +15,7 @@ use crate::fieldbus::kinds::opcua::namespaces::NamespaceTable;
 pub(super) struct Namespaces {
     /// Namespace URIs of the server; the position is the index.
     uris: Arc<[String]>,
-    /// Namespaces that the profile names by index.
+    /// Table of the namespaces that the profile names by index, which the bus line and the gateway share.
     table: NamespaceTable,
 }
 

@@ -7,7 +7,7 @@ use std::task::Poll;
 
 use isotherm_core::border::{Panicked, beyond};
 
-/// Runs a future of the library, and catches its panic.
+/// Runs a future of the library, and catches a panic of this future.
 ///
 /// # Errors
 /// The future panicked. The data that it used must not be used again.

@@ -159,8 +159,8 @@ impl Publishing {
         });
     }
 
-    /// Sends Publish requests until one per subscription waits at the server. The requests acknowledge the received
-    /// messages.
+    /// Sends Publish requests, until one request per subscription waits at the server. The requests acknowledge the
+    /// received messages.
     async fn ask(&mut self, link: &mut Link, session: &Session, now: Moment) -> Result<(), Error> {
         let sent = || self.of.iter().filter_map(|(_, state)| state.sent());
         // A silent subscription is detected before this timeout.

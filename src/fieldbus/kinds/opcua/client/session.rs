@@ -50,7 +50,7 @@ struct ServerSession {
     nonce: ByteString,
     /// Subscriptions of the session that the gateway has not deleted yet.
     subscriptions: Vec<u32>,
-    /// Namespaces of the server.
+    /// Namespaces of the server, as read when the connection was opened.
     namespaces: Namespaces,
 }
 
@@ -70,7 +70,7 @@ pub(super) struct Limits {
     pub(super) write: usize,
 }
 
-/// Queries the endpoints of a server.
+/// Queries the endpoints of a server: their URLs, security modes and login methods.
 pub(super) async fn endpoints(
     link: &mut Link,
     url: &str,
@@ -312,7 +312,8 @@ impl Session {
         self.lock().as_ref().map_or_else(Namespaces::default, |held| held.namespaces.clone())
     }
 
-    /// Reads the value of a variable that OPC UA defines for every server; `None` if the server has no value for it.
+    /// Reads the value of a variable that OPC UA defines for every server; `None` if the server has no value for this
+    /// variable.
     async fn value(&self, link: &mut Link, variable: VariableId) -> Result<Option<Variant>, Error> {
         let channel = link.channel.clone();
         let read = Read::new_manual(0, OPENING, self.token(), channel.request_handle())

@@ -70,7 +70,7 @@ pub(super) fn list_fault(error: &Error) -> Fault {
     Fault::Link(LinkFault::OpcUa(why))
 }
 
-/// Purpose of a channel.
+/// Purpose of a channel. The fault for an error depends on the purpose.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Purpose {
     /// Query of the list of endpoints, without security.

@@ -42,7 +42,7 @@ const LEAST: u32 = 30;
 /// the pause.
 const AGAIN: Duration = Duration::from_secs(60);
 
-/// Subscription that exists at the server.
+/// Subscription that exists at the server, with the latest values of its nodes.
 pub(super) struct Subscribed {
     pub(super) id: u32,
     /// Last value of each node; `None` before its first value. A node that the server does not have gets its status
@@ -351,7 +351,7 @@ impl Subscribed {
     }
 
     /// Returns the numbers of the messages that arrived since the last call. The next Publish request acknowledges
-    /// them.
+    /// these messages.
     pub(super) fn received(&mut self) -> Vec<u32> {
         std::mem::take(&mut self.received)
     }

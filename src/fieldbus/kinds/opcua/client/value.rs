@@ -15,7 +15,7 @@ const APART: Duration = Duration::from_secs(1);
 const TICKS: u64 = 10_000_000;
 
 /// Returns the reading of a node. `answered` is the time of the answer by the server's clock. The server time stamp of
-/// the value is not used, because some servers set it when the value arrives at them.
+/// the value is not used, because some servers set this stamp when they receive the value.
 pub(super) fn reading(node: &Node, value: &DataValue, answered: DateTime) -> NodeReading {
     let status = value.status.unwrap_or_default();
     let stamped = match value.source_timestamp {

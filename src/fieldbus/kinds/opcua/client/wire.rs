@@ -23,7 +23,7 @@ use crate::fieldbus::kinds::opcua::conversion::variant;
 use crate::fieldbus::send_guard::SendGuard;
 use crate::fieldbus::wire::{Answer, Boxed, Call, Ending, NodeReading, NodeRequest, Request, Stamped, Wire};
 
-/// Open session on an open channel.
+/// Connection of an OPC UA line: an open session on an open channel.
 pub(super) struct OpcUa {
     link: Link,
     session: Session,
@@ -160,8 +160,8 @@ impl OpcUa {
         self.link.ask(read.send(&channel)).await
     }
 
-    /// Renews the keys of the channel, if that is due. Otherwise the library would renew them after the check of the
-    /// send deadline, and delay the request.
+    /// Renews the keys of the channel, if that is due. Otherwise the library would renew the keys after the check of
+    /// the send deadline, and delay the request.
     async fn renew_keys(&mut self) -> Result<(), Fault> {
         let state = value_of(VariableId::Server_ServerStatus_State.into());
         let renewed = self.call(vec![state], TimestampsToReturn::Neither).await;
