@@ -38,9 +38,9 @@ pub(super) struct Column {
 #[derive(Debug, JsonSchema, Serialize)]
 #[schemars(rename = "History")]
 pub(super) struct Course {
-    /// Times of the points, in seconds since 1970. At a gap between rows, every column is null.
+    /// Times of the points, in seconds since 1970. A gap between log rows is one point, at which every column is null.
     time: Vec<f64>,
-    /// Values of the columns.
+    /// Values of the requested columns at the points in `time`.
     columns: Vec<Extremes>,
     /// Number of log rows in the time range.
     rows: u64,
@@ -62,7 +62,8 @@ struct Extremes {
     max: Vec<f64>,
 }
 
-/// Interval of the time range. The times of its first and last log row are in nanoseconds.
+/// Part of the time range that becomes one point of the chart. The times of its first and last log row are in
+/// nanoseconds.
 #[derive(Clone, Copy)]
 struct Stretch {
     first: u64,
@@ -71,7 +72,8 @@ struct Stretch {
 
 const EMPTY: Stretch = Stretch { first: u64::MAX, last: 0 };
 
-/// Histogram of the times between two log rows, in nanoseconds, by powers of two.
+/// Histogram of the times between two consecutive log rows, in nanoseconds. Each class of the histogram is a power of
+/// two.
 struct Distances([u64; 64]);
 
 impl Distances {
@@ -80,8 +82,8 @@ impl Distances {
         self.0[power as usize] += 1;
     }
 
-    /// Returns the maximum time between two log rows without a gap between them, in nanoseconds. Nine in ten of the
-    /// measured times are at most a quarter of this maximum.
+    /// Returns the limit, in nanoseconds, above which the time between two consecutive log rows is a gap. Nine in ten
+    /// of the measured times are at most a quarter of this limit.
     fn gap(&self) -> u64 {
         let most = self.0.iter().sum::<u64>() * 9 / 10;
         let mut seen = 0;

@@ -85,8 +85,8 @@ const HEADERS: [(HeaderName, &str); 5] = [
     (header::CACHE_CONTROL, "no-store"),
 ];
 
-/// Serves the web page at `door` until `shutdown` completes. The function then ends the live streams, and returns
-/// within a second.
+/// Serves the web page on the listener `door` until `shutdown` completes. The function then ends the live streams, and
+/// returns within a second.
 ///
 /// The table at the top of `http/access.rs` shows who may view and who may command.
 ///

@@ -148,8 +148,8 @@ fn publisher(
     (Box::new(json(profile, mqtt)), Memory::of_topics(&directory), RecordQueue::in_memory())
 }
 
-/// Creates the Sparkplug node. `last` is the death number of the last run. Returns `None` if a name cannot be part of a
-/// topic. This does not happen, because the profile reader rejects such names.
+/// Creates the Sparkplug node. `last` is the death number (bdSeq) that the previous run has used last. Returns `None`
+/// if a name cannot be part of a topic. This does not happen, because the profile reader rejects such names.
 fn sparkplug(profile: &Profile, mqtt: &Mqtt, last: Option<u8>) -> Option<Sparkplug> {
     let address = Address::new(&mqtt.group, &profile.name).ok()?;
     let node = Sparkplug::new(address, last, mqtt.takes_measured);
@@ -208,7 +208,7 @@ pub fn kept_in(state: &Path, machine: &str) -> PathBuf {
     state.join(format!("{machine}-mqtt"))
 }
 
-/// Parses a time in the format of the status. Returns `None` if the text is invalid.
+/// Parses a time in the format of the status (RFC 3339). Returns `None` if the text is invalid.
 fn moment(text: &str) -> Option<Moment> {
     let stamp: jiff::Timestamp = text.parse().ok()?;
     u64::try_from(stamp.as_nanosecond()).ok().map(Moment::from_nanos)

@@ -65,7 +65,7 @@ pub struct Serving {
     _thread: JoinHandle<()>,
 }
 
-/// State directory and computer of a server.
+/// Place at which the server runs: its state directory, and its computer.
 #[derive(Clone, Debug)]
 pub struct ServerPlace {
     /// State directory of the gateway.

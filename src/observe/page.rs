@@ -74,8 +74,8 @@ const FILES: [(&str, &str, &str); 40] = [
     ("icon-9.svg", ICON, alarm_icon!("9+")),
 ];
 
-/// Script modules of the wall view, its own module first. A browser loads them all at once, instead of one after the
-/// other as they import each other.
+/// Script modules of the wall view, with the main module first. The page lists all modules, so that a browser loads
+/// them at once instead of one after the other.
 const WALL_MODULES: [&str; 11] = [
     "wall.js",
     "bar.js",
@@ -90,7 +90,7 @@ const WALL_MODULES: [&str; 11] = [
     "words.js",
 ];
 
-/// Script modules that only the front page has. The front page also has the modules of the wall view, except the first.
+/// Script modules that only the front page has. The front page also has all modules of the wall view except `wall.js`.
 const FRONT_MODULES: [&str; 12] = [
     "main.js",
     "alarms.js",
@@ -262,7 +262,7 @@ fn head(words: &Words, texts: &MachineTexts) -> Markup {
     }
 }
 
-/// Makes the part with the state of the machine.
+/// Makes the part of the front page that shows the state of the machine.
 fn overall(words: &Words) -> Markup {
     html! {
         section #overall .overall data-tone="off" aria-label=(words.get("state")) {
@@ -326,7 +326,8 @@ fn main(words: &Words, may: PageAction, is_signed_in: bool) -> Markup {
     }
 }
 
-/// Makes the part with the commands. Below each button, the page shows the present state and what the command will do.
+/// Makes the part of the front page with the commands. Below each button, the page shows the present state and what the
+/// command will do.
 fn commands(words: &Words, may: PageAction, is_signed_in: bool) -> Markup {
     html! {
         section .commands aria-labelledby="commands-title" {
@@ -359,7 +360,7 @@ fn commands(words: &Words, may: PageAction, is_signed_in: bool) -> Markup {
     }
 }
 
-/// Makes a table of the page. The key of its title is also the id of its element.
+/// Makes a table of the front page. The key of its title is also the id of its HTML element.
 fn table(words: &Words, id: &'static str, columns: &[&'static str]) -> Markup {
     html! {
         section .list {

@@ -28,9 +28,9 @@ const SHORTEST_GAP: u64 = 1100;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Channel {
-    /// The buttons of the web page.
+    /// Button on the web page.
     Page,
-    /// The command socket, for example `isotherm arm`.
+    /// Command socket of the gateway. Commands such as `isotherm arm` use this socket.
     Socket,
     /// HTTP request of a program other than the web page.
     Api,
@@ -174,8 +174,9 @@ impl ServiceTimes {
         }
     }
 
-    /// Returns the maximum time for which a request that is received at `now` may have waited in its socket. Within a
-    /// second after a gap, the request may have arrived before the gap.
+    /// Returns the maximum time for which a request that is received at `now` may have waited in its socket. If the
+    /// gateway did not serve the sockets for a while, a request in the second after this gap may have arrived before
+    /// the gap.
     fn longest_wait(&self, now: u64) -> Duration {
         let [last, before, after] =
             [&self.0.last, &self.0.before, &self.0.after].map(|moment| moment.load(Ordering::Relaxed));

@@ -144,7 +144,7 @@ pub enum Command {
     Arm,
     /// Disarms axes. The registers keep their values.
     Disarm,
-    /// Captures the "zero" references.
+    /// Captures zero: takes the present values as the references that the profile gives as "zero".
     Zero,
     /// Withdraws a waiting request to arm, and ends a sign check.
     Cancel,

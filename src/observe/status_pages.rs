@@ -75,8 +75,8 @@ struct WholeMachine<'s> {
     bad: usize,
     /// Number of all alarms. The page contains only the most urgent alarms.
     alarm_count: usize,
-    /// Number of the page with the subject of an alarm. The key is the `id` of the alarm. Alarms of this page, and
-    /// alarms without a page, are left out.
+    /// Number of the page that contains the subject of an alarm, by the `id` of the alarm. Alarms whose subject is on
+    /// this page or on no page are left out.
     alarm_pages: BTreeMap<&'s str, usize>,
 }
 

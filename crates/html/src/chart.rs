@@ -51,7 +51,7 @@ type Plot<'a, 'b> = ChartContext<'a, SVGBackend<'b>, Cartesian2d<RangedCoordf64,
 struct Axes<'a> {
     x: (f64, f64),
     y: (f64, f64),
-    /// Unit, written above the vertical axis.
+    /// Unit of the values, written above the vertical axis.
     unit: &'a str,
     /// Label below the horizontal axis; empty if the axis has no label.
     across: &'a str,
@@ -110,7 +110,7 @@ fn hours(value: &f64) -> String {
     format!("{} h", tick(*value))
 }
 
-/// Rounds to whole pixels.
+/// Rounds a coordinate to whole pixels, because the drawing library requires integers.
 fn pixels(value: f64) -> i32 {
     #[allow(clippy::cast_possible_truncation, reason = "a coordinate in a picture")]
     let pixels = value.round() as i32;
@@ -130,7 +130,7 @@ fn span(values: impl Iterator<Item = f64>, zero: bool) -> (f64, f64) {
     (low - room, high + room)
 }
 
-/// Converts a number of objects to a floating-point number.
+/// Converts a number of objects in a picture to `f64`, for the calculation of coordinates.
 fn count(things: usize) -> f64 {
     #[allow(clippy::cast_precision_loss, reason = "the number of objects in a picture is small")]
     let count = things as f64;

@@ -10,10 +10,11 @@ use csv::{ByteRecord, ReaderBuilder};
 use isotherm_core::quantity::{Moment, time};
 use isotherm_profile::safe_file;
 
-/// Length of the file part, in bytes, at which the binary search stops.
+/// Size, in bytes, of the part of the file at which the binary search stops. The rows of this part are then read in
+/// order.
 const NEAR: u64 = 64 * 1024;
 
-/// Row of a log, as text.
+/// Row of a decision log: the texts of its cells. The first cell is the time.
 pub(super) struct Row(ByteRecord);
 
 impl Row {
@@ -25,7 +26,7 @@ impl Row {
         moment(self.0.get(0)?)
     }
 
-    /// Parses the numbers in the log columns with these indices. A cell without a number gives `None`.
+    /// Parses the numbers in the cells with the indices `places` into `values`. A cell without a number gives `None`.
     pub(super) fn numbers(&self, places: &[Option<usize>], values: &mut [Option<f64>]) {
         for (place, value) in places.iter().zip(values) {
             let cell = place.and_then(|place| self.0.get(place));
@@ -34,7 +35,7 @@ impl Row {
         }
     }
 
-    /// Appends the time and the values in the log columns with these indices, with a line break.
+    /// Appends the time and the cells with the indices `places` to `out`, as one line of CSV.
     pub(super) fn write(&self, places: &[Option<usize>], out: &mut Vec<u8>) {
         out.extend_from_slice(self.0.get(0).unwrap_or_default());
         for place in places {
@@ -49,7 +50,8 @@ fn moment(cell: &[u8]) -> Option<Moment> {
     time::parse(std::str::from_utf8(cell).ok()?).ok()
 }
 
-/// Returns the names of the columns, and the rows from about the time `from` on. `None` if the log cannot be read.
+/// Returns the names of the columns, and the rows from the time `from` on. Some earlier rows may come first. `None` if
+/// the log cannot be read.
 pub(super) fn rows(log: &Path, from: Moment) -> Option<(Vec<String>, impl Iterator<Item = Row>)> {
     let mut file = BufReader::new(safe_file::open(log).ok()?);
     let mut header = Vec::new();

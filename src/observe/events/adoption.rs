@@ -1,4 +1,5 @@
-//! Events about learned models: a better candidate, adoption, and the end of a learned model.
+//! Events about learned models: a better candidate, adoption, and the end of a learned model. A candidate is a newly
+//! learned model of an axis that is compared with the model in use. Cz is the compensation value of the axis.
 
 use serde::Serialize;
 
@@ -13,7 +14,7 @@ use isotherm_profile::counted;
 pub enum Adoption {
     /// The candidate is better than the model in use.
     Better {
-        /// Axis of the candidate.
+        /// Name of the axis for which the candidate was learned.
         axis: String,
         /// Name of the candidate.
         model: String,
@@ -23,18 +24,18 @@ pub enum Adoption {
         days: usize,
         /// Number of touches (measurements with a probe) on the days of the comparison.
         touches: u32,
-        /// Residual error with the model in use on these days, as a root mean square.
+        /// Residual error with the model in use on the days of the comparison, as a root mean square.
         #[serde(rename = "in_use_um")]
         in_use: Micron,
-        /// Residual error that the candidate would have left on these days, as a root mean square.
+        /// Residual error that the candidate would have left on the days of the comparison, as a root mean square.
         #[serde(rename = "candidate_um")]
         candidate: Micron,
         /// Whether the gateway adopts the candidate automatically at the next datum (zero point of Cz).
         auto: bool,
     },
-    /// The preferred model of an axis has changed. Cz has not moved.
+    /// The preferred model of an axis has changed. Cz keeps its present value.
     Adopted {
-        /// Axis of the model.
+        /// Name of the axis whose preferred model has changed.
         axis: String,
         /// Name of the learned model; `None` for the model of the profile.
         model: Option<String>,
@@ -43,19 +44,19 @@ pub enum Adoption {
     },
     /// The models of the profile have changed, so that the learned model is not used any more.
     Superseded {
-        /// Axis of the model.
+        /// Name of the axis whose learned model is not used any more.
         axis: String,
         /// Name of the learned model.
         model: String,
     },
-    /// No model could be learned.
+    /// No model could be learned from the touches (measurements with a probe) of the axes.
     Failed {
         /// Reason why no model could be learned, as a part of a sentence.
         why: String,
     },
 }
 
-/// Returns the name of a model as text.
+/// Returns the name of a model as text. `None` stands for the model of the profile.
 fn named(model: Option<&String>) -> String {
     model.map_or_else(|| "the model of the profile".to_owned(), |name| format!("model {name}"))
 }

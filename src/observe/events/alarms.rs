@@ -48,13 +48,13 @@ pub struct Acknowledgement {
 /// Alarms that an event has raised or ended, by their subjects.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Change {
-    /// Alarm that was raised; `None` if the event raises no alarm.
+    /// Subject of the alarm that was raised; `None` if the event raises no alarm.
     pub raised: Option<String>,
-    /// Alarms that were active and have ended.
+    /// Subjects of the alarms that were active and that the event has ended.
     pub ended: Vec<String>,
 }
 
-/// Active alarms, by their subjects.
+/// Active alarms. The key is the subject of the alarm.
 #[derive(Debug, Default)]
 pub(super) struct Alarms(BTreeMap<String, Alarm>);
 
@@ -104,8 +104,8 @@ impl Alarms {
     }
 }
 
-/// Returns the subject of an alarm. In the pattern, a name such as `{axis}` is replaced by the field of the event's
-/// data with this name.
+/// Returns the subject of an alarm: the pattern, in which each `{name}` is replaced by the field `name` of the event's
+/// data.
 fn id_of(pattern: &str, data: &Value) -> String {
     let parts = pattern.split(['{', '}']).enumerate();
     parts

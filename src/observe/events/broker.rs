@@ -1,4 +1,5 @@
-//! Events about publishing to the MQTT broker of `[mqtt]`.
+//! Events about publishing to the MQTT broker of `[mqtt]`. The primary host is the program that the profile names in
+//! `primary_host`: the gateway publishes only while this host is online.
 
 use serde::Serialize;
 
@@ -7,76 +8,76 @@ use isotherm_core::events::EventKind;
 use isotherm_core::explained::Explained;
 use isotherm_profile::counted;
 
-/// Change in publishing to the broker.
+/// Change of the connection to the broker, or of the data that the gateway publishes there.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 #[serde(untagged)]
 pub enum Broker {
     /// The connection is lost, or cannot be made. A later failure is reported only after the connection has worked in
     /// between.
     Down {
-        /// Address of the broker.
+        /// Scheme, host and port of the broker.
         broker: String,
         /// Reason, with a hint if it has a remedy of its own.
         why: Explained,
     },
     /// The connection to the broker works again.
     Up {
-        /// Address of the broker.
+        /// Scheme, host and port of the broker.
         broker: String,
-        /// Number of failed attempts.
+        /// Number of failed attempts before the connection worked.
         attempts: u64,
     },
     /// Messages were dropped, because the broker was not reachable or too slow.
     Dropped {
-        /// Address of the broker.
+        /// Scheme, host and port of the broker.
         broker: String,
         /// Number of dropped messages.
         count: u64,
     },
     /// Data that wait for the broker could not be written to disk.
     NotKept {
-        /// Address of the broker.
+        /// Scheme, host and port of the broker.
         broker: String,
-        /// Error message of the system.
+        /// Error message of the operating system.
         why: String,
     },
     /// The broker refused a subscription. A later refusal is reported only after the broker has accepted the
     /// subscription in between.
     SubscriptionRefused {
-        /// Address of the broker.
+        /// Scheme, host and port of the broker.
         broker: String,
-        /// Topic of the subscription.
+        /// Topic to which the gateway has tried to subscribe.
         topic: String,
     },
     /// The broker accepts a subscription that it had refused.
     Subscribed {
-        /// Address of the broker.
+        /// Scheme, host and port of the broker.
         broker: String,
-        /// Topic of the subscription.
+        /// Topic to which the gateway is subscribed now.
         topic: String,
     },
     /// The broker closed the connection again and again after messages to one topic. Nothing is published to this topic
     /// any more.
     PublishDenied {
-        /// Address of the broker.
+        /// Scheme, host and port of the broker.
         broker: String,
-        /// Topic of the messages.
+        /// Topic to which nothing is published any more.
         topic: String,
     },
-    /// The primary host is offline.
+    /// The primary host is offline. Until it is online again, the gateway stores its data.
     HostOffline {
-        /// Address of the broker.
+        /// Scheme, host and port of the broker.
         broker: String,
-        /// Name of the host.
+        /// Name of the primary host in the profile.
         host: String,
-        /// Reason as a sentence.
+        /// Reason as a part of a sentence: the host is offline, or no message about its state has arrived.
         why: &'static str,
     },
     /// The primary host is online after it was reported as offline.
     HostOnline {
-        /// Address of the broker.
+        /// Scheme, host and port of the broker.
         broker: String,
-        /// Name of the host.
+        /// Name of the primary host in the profile.
         host: String,
     },
 }

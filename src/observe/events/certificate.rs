@@ -57,7 +57,7 @@ pub enum CertificateOwner {
 }
 
 impl CertificateOwner {
-    /// Returns the word for the owner in messages.
+    /// Returns the word for the owner in messages, for example `gateway`.
     const fn word(self) -> &'static str {
         match self {
             CertificateOwner::Gateway => "gateway",
@@ -88,7 +88,7 @@ fn day_and_time(moment: Moment) -> String {
 }
 
 impl EarlyCertificate {
-    /// Returns cause and remedy as a sentence.
+    /// Returns the text of the event: the start of the validity, and the remedy.
     #[must_use]
     pub fn sentence(&self) -> String {
         self.described().text()
@@ -103,7 +103,7 @@ impl EarlyCertificate {
 }
 
 impl Expiry {
-    /// Returns cause and remedy as a sentence.
+    /// Returns the text of the event: the end of the validity, and how to renew the certificate.
     #[must_use]
     pub fn sentence(&self) -> String {
         self.described().text()

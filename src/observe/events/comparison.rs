@@ -14,7 +14,7 @@ use isotherm_core::quantity::Micron;
 pub enum Comparison {
     /// The error is larger with the model.
     Worse {
-        /// Axis of the model.
+        /// Name of the axis whose model is worse than no compensation.
         axis: String,
         /// Number of probings (measurements with a probe) that show that the model is worse; 0 if all were made before
         /// the last datum (zero point of Cz).
@@ -30,7 +30,7 @@ pub enum Comparison {
     },
     /// The model is no longer worse than no compensation.
     Over {
-        /// Axis of the model.
+        /// Name of the axis whose model is no longer worse.
         axis: String,
     },
 }

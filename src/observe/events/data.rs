@@ -18,7 +18,7 @@ pub(super) const LONGEST: usize = 800;
 /// Maximum number of entries of a list in an event's data.
 const MOST: usize = 100;
 
-/// Shortens texts and lists that are too long.
+/// Shortens each text to [`LONGEST`] characters, and each list to [`MOST`] entries.
 pub(super) fn bound(data: &mut Value) {
     match data {
         Value::String(text) if text.len() > LONGEST => *text = cut(text, LONGEST).into_owned(),
@@ -31,7 +31,7 @@ pub(super) fn bound(data: &mut Value) {
     }
 }
 
-/// Schema of the level of an event.
+/// Returns the JSON schema of the level of an event: a text that must be the name of a level.
 pub(super) fn level_schema(_: &mut SchemaGenerator) -> Schema {
     let levels = [Level::Info, Level::Warning, Level::Error].map(Level::name);
     json_schema!({ "type": "string", "enum": levels })

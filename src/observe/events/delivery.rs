@@ -16,23 +16,23 @@ pub enum Delivery {
         notify: String,
         /// Scheme, host and port of the server to which a message could not be delivered.
         to: String,
-        /// Reason as a sentence.
+        /// Reason for the failure, as a sentence.
         why: String,
     },
     /// A message was delivered after failures.
     Back {
-        /// Name of the profile entry.
+        /// Name of the profile entry, for example `notify[0]`.
         notify: String,
         /// Scheme, host and port of the server to which messages are delivered again.
         to: String,
-        /// Number of failed attempts.
+        /// Number of failed attempts before this delivery.
         attempts: u64,
     },
     /// Messages were given up after several attempts, or dropped because the queue was full.
     Dropped {
-        /// Name of the profile entry.
+        /// Name of the profile entry, for example `notify[0]`.
         notify: String,
-        /// Scheme, host and port of the server for which the messages were.
+        /// Scheme, host and port of the server to which the messages were addressed.
         to: String,
         /// Number of dropped messages.
         count: u64,

@@ -21,7 +21,7 @@ const SEAL: &str = ",\"seal\":\"";
 /// Maximum size of the file of one day, in bytes. Later events of that day are counted, but not written. A reader reads
 /// at most twice this size.
 pub const LARGEST: usize = 16 << 20;
-/// Number of bytes at the end of a file that are read for the last events. At most [`DAYS_BACK`] files are read.
+/// Number of bytes that are read from the end of a file to find the last events. At most [`DAYS_BACK`] files are read.
 const TAIL: u64 = 256 << 10;
 const DAYS_BACK: usize = 7;
 /// CRC-32 as in Ethernet and gzip (ITU-T V.42).
@@ -45,7 +45,7 @@ pub struct End {
     length: usize,
 }
 
-/// Item of an event file.
+/// Event or damage that was found in an event file.
 #[derive(Clone, Debug, PartialEq)]
 pub enum FileItem {
     /// Event that was read from the file.
@@ -54,7 +54,7 @@ pub enum FileItem {
     Damage(String),
 }
 
-/// Returns the day of an event, as in the name of its file.
+/// Returns the day of an event, as in the name of its file, for example `2026-01-31`.
 pub fn day(entry: &Entry) -> &str {
     entry.at.get(..10).filter(|day| is_day(day)).unwrap_or("1970-01-01")
 }
@@ -166,7 +166,7 @@ pub fn days(directory: &Path, machine: &str) -> std::io::Result<Vec<String>> {
     Ok(days)
 }
 
-/// Returns machine and day of each event file.
+/// Returns the machine and the day of each event file in the directory.
 fn files(directory: &Path) -> std::io::Result<Vec<(String, String)>> {
     let mut files = Vec::new();
     for file in std::fs::read_dir(directory)? {
@@ -261,7 +261,7 @@ pub fn last(directory: &Path, machine: &str, most: usize) -> Vec<Entry> {
     last.split_off(last.len().saturating_sub(most))
 }
 
-/// Reads the events at the end of a file.
+/// Reads the events in the last [`TAIL`] bytes of a file. Incomplete lines are left out.
 fn tail(path: &Path) -> std::io::Result<Vec<Entry>> {
     let mut file = safe_file::open(path)?;
     let length = file.metadata()?.len();

@@ -41,7 +41,7 @@ pub struct Entry {
 /// Event that has just been reported, for a listener.
 #[derive(Clone, Copy, Debug)]
 pub struct ReportedEvent<'a> {
-    /// Event with its data.
+    /// Event as a variant of the enum, with its fields.
     pub event: &'a Event,
     /// Event in the form in which it is shown and stored.
     pub entry: &'a Entry,
@@ -53,19 +53,19 @@ pub struct ReportedEvent<'a> {
 /// journal, and delays the code that reports the event, possibly a line task.
 pub type EventListener = Arc<dyn Fn(ReportedEvent<'_>) + Send + Sync>;
 
-/// Extent of an event's text in the log of the program.
+/// Parts of an event's text that the log of the program contains.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum LoggedText {
-    /// Subject, cause and hint.
+    /// The log contains subject, cause and hint.
     #[default]
     WithHint,
-    /// Subject and cause. A command that prints the hints itself uses this variant.
+    /// The log contains subject and cause. A command that prints the hints itself uses this variant.
     WithoutHint,
 }
 
 /// Events of this run, and the last events of earlier runs.
 pub struct Journal {
-    /// Source of the time stamps.
+    /// Clock for the time stamps of events and acknowledgements.
     clock: Clock,
     pages: Mutex<Pages>,
     listener: Option<EventListener>,
@@ -88,7 +88,7 @@ struct Pages {
     unkept: Option<UnsavedEvents>,
 }
 
-/// Events that are not on disk yet.
+/// Events that are not on disk yet, the number of lost events, and the callback that wakes the writer.
 struct UnsavedEvents {
     entries: VecDeque<Entry>,
     lost: u64,
@@ -206,7 +206,7 @@ impl Journal {
         pages.unkept = Some(UnsavedEvents { entries, lost: 0, wake: Some(Box::new(wake)) });
     }
 
-    /// Removes the callback `wake`, because the writer ends.
+    /// Removes the callback that [`Journal::keep`] has set, because the writer of the event files ends.
     pub fn wake_nobody(&self) {
         if let Some(unkept) = &mut self.pages().unkept {
             unkept.wake = None;

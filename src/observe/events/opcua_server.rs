@@ -6,7 +6,7 @@ use super::description::{EventDescription, caused, plain};
 use isotherm_core::events::EventKind;
 use isotherm_profile::counted;
 
-/// Change in the OPC UA server.
+/// Change of the OPC UA server: its port is closed or open, or the server has refused a client.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 #[serde(untagged)]
 pub enum OpcUaServerEvent {
@@ -14,7 +14,7 @@ pub enum OpcUaServerEvent {
     Closed {
         /// Host and port on which the server listens.
         listen: String,
-        /// Reason as a sentence.
+        /// Reason why the port is closed, as a sentence.
         why: String,
     },
     /// The server listens now.

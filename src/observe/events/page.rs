@@ -6,7 +6,7 @@ use super::description::{EventDescription, caused, plain};
 use isotherm_core::events::EventKind;
 use isotherm_core::explained::Explained;
 
-/// Change of the listening port of the web page: closed, not served, or open. The profile requires the port.
+/// Change of the port on which the web page listens: closed, not served, or open.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 #[serde(untagged)]
 pub enum PagePort {
@@ -14,14 +14,14 @@ pub enum PagePort {
     Closed {
         /// Host and port on which the server listens.
         listen: String,
-        /// Reason as a sentence.
+        /// Reason why the page cannot listen, as a sentence.
         why: String,
     },
     /// The web page does not listen, because one of its tokens or its certificate cannot be used.
     NotServed {
         /// Host and port on which the server listens.
         listen: String,
-        /// Reason as a sentence, with its remedy.
+        /// Reason why the page is not served, as a sentence with its remedy.
         why: String,
     },
     /// The web page listens now.
@@ -55,7 +55,7 @@ impl PagePort {
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 #[serde(untagged)]
 pub enum PageToken {
-    /// The file contains another token.
+    /// The token file contains another token than before.
     Changed {
         /// Role of the token: scraper, viewer or operator.
         role: &'static str,
@@ -64,7 +64,7 @@ pub enum PageToken {
     Gone {
         /// Role of the token: scraper, viewer or operator.
         role: &'static str,
-        /// Reason as a sentence.
+        /// Reason why the token file is invalid, as a sentence.
         why: String,
     },
 }

@@ -17,13 +17,13 @@ pub enum StandIn {
     /// The sensor is frozen or lost, and a stand-in replaces its reading. Or the sensor is only suspected of being
     /// frozen, and its reading is still used.
     Taken {
-        /// Axis of the model.
+        /// Name of the axis whose model uses the sensor.
         axis: String,
-        /// Name of the signal.
+        /// Name of the sensor's signal in the profile.
         signal: String,
         /// Whether the reading does not change. If `false`, the sensor is lost.
         frozen: bool,
-        /// Time since the fault began.
+        /// Time that has passed since the fault began.
         #[serde(rename = "for_s", serialize_with = "in_seconds")]
         span: Duration,
         /// Number of sensors from which the stand-in is calculated; `None` if there is no stand-in.
@@ -31,9 +31,9 @@ pub enum StandIn {
     },
     /// The sensor no longer has a stand-in (value estimated from other sensors).
     Over {
-        /// Axis of the model.
+        /// Name of the axis whose model uses the sensor.
         axis: String,
-        /// Name of the signal.
+        /// Name of the sensor's signal in the profile.
         signal: String,
         /// Whether the sensor's own reading is accepted again. If `false`, it is still missing or rejected.
         #[serde(rename = "believed")]

@@ -57,9 +57,10 @@ pub(super) struct Grant {
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum By {
-    /// The client is on this computer.
+    /// The client is on this computer, and needs no token.
     Local,
-    /// The client has sent a token; contains the version of the token.
+    /// The client has sent a token. The value is the version of the token, which changes when the token file contains
+    /// another token.
     Token(u64),
     /// The client has signed in with a browser, which sends a cookie.
     Session(SessionKey),
@@ -184,8 +185,8 @@ impl Access {
         self.tokens.has(Role::Viewer) || self.tokens.has(Role::Operator)
     }
 
-    /// Returns whether a client may still read. The client may read while its token is unchanged, or while its session
-    /// is open. In a viewer's session, an open live stream counts as use.
+    /// Returns whether a client may continue to read the live stream. Its token must be unchanged, or its session open.
+    /// In a viewer's session, an open live stream counts as use.
     pub(super) fn is_still(&self, pass: &Grant) -> bool {
         match pass.by {
             By::Local => true,

@@ -16,7 +16,7 @@ use flate2::write::GzEncoder;
 /// Content type of the web page.
 const HTML: &str = "text/html; charset=utf-8";
 
-/// Compressed files, by name.
+/// Files that are already compressed. The key is the name of the file.
 static FILES: Mutex<BTreeMap<&'static str, Bytes>> = Mutex::new(BTreeMap::new());
 
 /// Returns an HTML page as an answer, compressed if the client accepts it.
@@ -48,7 +48,8 @@ pub(super) async fn file(
     answer(kind, Bytes::from_static(text.as_bytes()), packed)
 }
 
-/// Runs a computation on a separate thread.
+/// Runs a computation on a separate thread, so that no bus line waits. Returns `None` if the computation returns `None`
+/// or fails.
 async fn off_the_lines(make: impl FnOnce() -> Option<Bytes> + Send + 'static) -> Option<Bytes> {
     tokio::task::spawn_blocking(make).await.ok().flatten()
 }

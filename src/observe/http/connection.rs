@@ -112,7 +112,7 @@ async fn overdue(mut phase: watch::Receiver<Phase>, limits: Limits) {
     }
 }
 
-/// Completes when the sender has been dropped.
+/// Completes when the sender of `stopped` has been dropped, because the server ends.
 pub(super) async fn ended(mut stopped: watch::Receiver<()>) {
     while stopped.changed().await.is_ok() {}
 }

@@ -12,7 +12,7 @@ use isotherm_profile::IpNetwork;
 /// Maximum length of the host name, and of the path of the page on a proxy, in bytes. A longer text is ignored.
 const LONGEST: usize = 255;
 
-/// Scheme of the page's address in the browser.
+/// Scheme of the page's address in the browser: HTTP or HTTPS.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Scheme {
     Http,

@@ -32,8 +32,8 @@ use isotherm_profile::safe_file::{quoted, without_numbers};
 pub(super) const AT_ONCE: usize = 2;
 /// Maximum time for reading the values of a chart. A download may take longer.
 const LONGEST: Duration = Duration::from_secs(60);
-/// Timeouts of a download, for one piece and in total. They end a download whose client accepts little or nothing.
-/// Other clients may wait for the permit of this download.
+/// Timeouts of a download, for one piece and in total. Without these timeouts, a client that accepts no data would keep
+/// its permit, and other clients could not read the logs.
 const DOWNLOAD: DownloadTimeouts =
     DownloadTimeouts { piece: Duration::from_secs(30), all: Duration::from_mins(10) };
 /// Maximum number of unsent pieces of a download.
@@ -125,7 +125,7 @@ struct DownloadTimeouts {
 }
 
 /// Sends the pieces from `read` as long as the client accepts them. When a timeout expires, the download is closed with
-/// an error, so that the client detects the missing rows. One slot of the channel is reserved for this error.
+/// an error, so that the client detects the missing rows. One place in the channel is reserved for this error.
 fn hand_over(
     sender: mpsc::Sender<Piece>,
     patience: DownloadTimeouts,

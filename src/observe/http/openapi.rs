@@ -35,7 +35,7 @@ pub(super) async fn show(headers: HeaderMap) -> Response {
 enum Client {
     /// Any client.
     Any,
-    /// Client with any token of the gateway.
+    /// Client with any token: the scraper's, the viewer's or the operator's.
     Scraper,
     /// Client with the viewer's or the operator's token.
     Viewer,
@@ -43,13 +43,13 @@ enum Client {
     Operator,
 }
 
-/// Operation of the API.
+/// Operation of the API: one method of a path, with its parameters and its answers.
 struct Operation {
     summary: &'static str,
     client: Client,
     parameters: Vec<Value>,
     body: Option<Value>,
-    /// Answers, by status code.
+    /// HTTP status code and OpenAPI description of each possible answer.
     answers: Vec<(u16, Value)>,
 }
 
@@ -98,7 +98,7 @@ fn document() -> Value {
     document
 }
 
-/// Returns an identifier that is unique in the document: `get_api_status`.
+/// Returns an identifier that is unique in the document, for example `get_api_status`.
 fn operation_id(method: &str, path: &str) -> String {
     let words = path.split(|one: char| !one.is_ascii_alphanumeric()).filter(|word| !word.is_empty());
     let words: Vec<String> = std::iter::once(method).chain(words).map(str::to_ascii_lowercase).collect();
@@ -258,7 +258,7 @@ fn range() -> Vec<Value> {
     ]
 }
 
-/// Returns the answers to requests for a time range that contain no values, for example errors.
+/// Returns the error answers to requests for a time range: HTTP status code and description.
 fn no_history() -> [(u16, Value); 4] {
     [
         (400, text("A parameter is not valid.", PLAIN)),

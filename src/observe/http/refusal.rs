@@ -135,7 +135,8 @@ impl Refusal {
         }
     }
 
-    /// Makes the answer with this body, and with the headers of its status code.
+    /// Makes the response for this refusal, with the given body. Some status codes require a header, for example
+    /// `Retry-After`.
     pub(super) fn as_answer(self, body: impl IntoResponse) -> Response {
         let code = self.code();
         match self {

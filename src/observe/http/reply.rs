@@ -1,4 +1,4 @@
-//! Response to a command.
+//! Response of the web server to a command.
 
 use axum::http::{StatusCode, header};
 use axum::response::{IntoResponse, Json, Response};
@@ -9,7 +9,7 @@ use serde::Serialize;
 use super::refusal::{Counts, TOO_OFTEN};
 use crate::observe::status::Answer;
 
-/// Answer to a command.
+/// Answer to a command: whether the command was carried out, and a sentence.
 #[derive(JsonSchema, Serialize)]
 pub(super) struct CommandReply {
     /// Whether the command was carried out. `false` if the command waits for a condition, or was refused.

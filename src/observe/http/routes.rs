@@ -8,36 +8,36 @@ use axum::response::{IntoResponse, Response};
 
 use crate::observe::status::Command;
 
-/// Route of the server, by its use.
+/// Use of a route of the server, which determines its handlers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Route {
-    /// The web page.
+    /// Web page: the front page, or the wall view.
     Front,
-    /// File of the web page.
+    /// File that the web page loads, for example a script.
     File,
-    /// Sign-in with a browser.
+    /// Sign-in with a browser: the form, and the token that the form sends.
     Login,
-    /// Sign-out.
+    /// Sign-out, which ends the session of a browser.
     Logout,
-    /// Command to the gateway.
+    /// Command to the gateway, for example to arm the axes.
     Command(Command),
-    /// Acknowledgement of alarms.
+    /// Acknowledgement of one alarm, or of all active alarms.
     Acknowledge,
-    /// Measured error of an axis.
+    /// Measured error of an axis: sends an error, or removes the correction from earlier errors.
     Measured,
-    /// Status of the gateway.
+    /// Status of the gateway as JSON.
     Status,
-    /// Live stream of the status.
+    /// Live stream of the status, with one message each second.
     Live,
-    /// Events of a time range.
+    /// Events of a time range as JSON.
     Events,
-    /// Values from the logs, for a chart.
+    /// Values from the decision logs as JSON, for a chart.
     History,
-    /// Rows of the logs, for a download.
+    /// Rows of the decision logs as CSV, for a download.
     Download,
-    /// Description of the API in OpenAPI.
+    /// Description of the API for programs, in the format OpenAPI.
     OpenApi,
-    /// Metrics for Prometheus.
+    /// Metrics in the format of Prometheus.
     Metrics,
     /// Health check: the answer shows that the process runs.
     Healthy,
@@ -65,7 +65,7 @@ const FIXED: [(Route, &str, &[&str]); 15] = [
     (Route::Ready, "/readyz", &["GET"]),
 ];
 
-/// Entry of the list of routes.
+/// Route with its path and its methods.
 pub(super) struct Entry {
     pub(super) route: Route,
     /// Path of the route. A name in braces stands for any part of the path.

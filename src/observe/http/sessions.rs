@@ -16,7 +16,7 @@ const IDLE: Duration = Duration::from_secs(3600);
 /// time ends.
 const MOST: usize = 64;
 
-/// Identifier of a session.
+/// Identifier of a session: a random number, which the cookie contains.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(super) struct SessionKey(u128);
 
@@ -46,7 +46,7 @@ struct Session {
     used: Duration,
 }
 
-/// Open sessions, by their identifiers.
+/// Open sessions. The key is the identifier of the session.
 #[derive(Debug, Default)]
 pub(super) struct Sessions(HashMap<SessionKey, Session>);
 

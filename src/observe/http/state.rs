@@ -18,7 +18,7 @@ pub(super) struct HttpState {
     pub(super) access: Arc<Access>,
     pub(super) live: Live,
     pub(super) attendance: ServiceTimes,
-    /// Permits for requests that read the history.
+    /// Permits for requests that read the decision logs.
     pub(super) readers: Arc<Semaphore>,
     /// Permit for a request that reads the events.
     pub(super) events: Arc<Semaphore>,

@@ -23,7 +23,7 @@ const LARGEST: u64 = 64 * 1024;
 /// Permission bits for users who are neither the owner of a file nor in its group.
 const OTHERS: u32 = 0o007;
 
-/// Role of an authenticated client.
+/// Role of an authenticated client, which determines its rights.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) enum Role {
     /// May read the metrics only.
@@ -87,7 +87,7 @@ impl FileIdentity {
     }
 }
 
-/// Returns random bytes from the kernel.
+/// Returns `SIZE` random bytes from the kernel, or the error of the system call.
 pub(super) fn random<const SIZE: usize>() -> io::Result<[u8; SIZE]> {
     let mut bytes = [0; SIZE];
     let mut filled = 0;
@@ -183,7 +183,7 @@ fn read(path: &Path) -> Result<(String, FileIdentity), String> {
     }
 }
 
-/// Change of a token file.
+/// Change of a token file since the file was last read.
 #[derive(Debug, PartialEq)]
 pub(super) enum Change {
     /// The token file contains another token than before.

@@ -11,7 +11,7 @@ use isotherm_plant::{Message, Subscription};
 
 /// Broker to which the publisher connects. Tests replace it.
 pub(super) trait Broker {
-    /// Type of a connection.
+    /// Type of the connections that [`Broker::connect`] returns.
     type Connection: Connection;
 
     /// Connects to the broker. `will` is the message that the broker publishes when the connection breaks.
@@ -70,7 +70,7 @@ pub(super) trait Connection {
 pub(super) enum BrokerReport {
     /// The send queue has room for another message, or the broker has acknowledged a message.
     Room,
-    /// A message was received.
+    /// A message was received from the broker.
     Arrived(ReceivedMessage),
     /// The connection is broken, for this reason.
     Lost(Fault),

@@ -34,7 +34,7 @@ use isotherm_profile::{BrokerUrl, Mqtt};
 
 /// Timeout for name resolution, connection, handshake and the broker's answer together.
 const CONNECT_WITHIN: Duration = Duration::from_secs(10);
-/// Timeout for the answer to a subscription.
+/// Timeout for the broker's answer to a subscription.
 const SUBSCRIBE_WITHIN: Duration = Duration::from_secs(10);
 /// MQTT keep-alive interval. If the client receives no data for twice this time, it closes the connection. If the
 /// broker receives no data for one and a half times this interval, it publishes the will message.
@@ -139,7 +139,7 @@ impl Broker for Client {
     }
 }
 
-/// Record of the sent messages, which shows those that have certainly reached the broker.
+/// Record of the sent messages. It shows which messages have certainly reached the broker.
 #[derive(Debug, Default)]
 struct Tally {
     /// Times of the messages that the library has not written to the connection yet.
@@ -181,7 +181,8 @@ impl Tally {
 struct ReportSender {
     heard: mpsc::Sender<BrokerReport>,
     room: Arc<Notify>,
-    /// Topic whose newest message is kept if the queue is full.
+    /// Topic of the state of the primary host; `None` without a primary host. The newest message to this topic is kept
+    /// if the queue is full.
     state_topic: Option<String>,
     kept: KeptMessage,
 }
@@ -193,7 +194,7 @@ struct ReportReceiver {
     kept: KeptMessage,
 }
 
-/// Received message for which the queue had no place; `None` if there is none.
+/// Newest message about the state of the primary host for which the queue had no place; `None` if no message is kept.
 type KeptMessage = Arc<Mutex<Option<ReceivedMessage>>>;
 
 fn inbox(state_topic: Option<String>) -> (ReportSender, ReportReceiver) {
@@ -236,7 +237,7 @@ impl ReportReceiver {
     }
 }
 
-/// Open connection to the broker.
+/// Open connection to the broker. A separate task runs the event loop of the library.
 pub(super) struct Connected {
     client: AsyncClient,
     tally: Arc<Mutex<Tally>>,

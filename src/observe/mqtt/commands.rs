@@ -14,7 +14,7 @@ pub(super) const PAUSE: Duration = Duration::from_secs(1);
 /// Minimum time between two reports of rejected messages. Each report contains their number.
 const REPORT_EVERY: Duration = Duration::from_secs(60);
 
-/// Executor of commands from the broker.
+/// Executor of commands from the broker, at most one command in each [`PAUSE`].
 #[derive(Debug)]
 pub(super) struct Commands {
     /// Address of the broker. Events name it as the requester, because MQTT does not identify the publisher of a

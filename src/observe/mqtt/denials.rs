@@ -40,13 +40,14 @@ enum Pace {
     /// Messages are sent without waiting for answers.
     #[default]
     Free,
-    /// Messages are sent one by one.
+    /// Messages are sent one by one, each after the broker has answered the previous message.
     Careful {
-        /// Begin of the connection.
+        /// Time at which the connection began.
         since: Moment,
-        /// Topic of the message whose answer is awaited.
+        /// Topic of the message whose answer is awaited; `None` if no answer is awaited.
         awaited: Option<String>,
-        /// Time of the first [check](Denials::waits) at which this answer had not arrived.
+        /// Time of the first [check](Denials::waits) at which the awaited answer had not arrived; `None` before this
+        /// check.
         missing: Option<Moment>,
         /// Number of messages that the broker has answered on this connection.
         answered: u64,
@@ -54,7 +55,7 @@ enum Pace {
 }
 
 impl Denials {
-    /// Records that a connection begins.
+    /// Records the begin of a connection. If messages are sent one by one, no answer is awaited at first.
     pub(super) fn begins(&mut self, now: Moment) {
         if let Pace::Careful { .. } = self.pace {
             self.pace = Pace::Careful { since: now, awaited: None, missing: None, answered: 0 };
@@ -84,7 +85,7 @@ impl Denials {
         Some((told, Message { qos, ..message }))
     }
 
-    /// Returns the topic of a message if its answer must be awaited.
+    /// Returns the topic of a message if its answer must be awaited; `None` if messages are sent without waiting.
     pub(super) fn awaits(&self, message: &Message) -> Option<String> {
         matches!(self.pace, Pace::Careful { .. }).then(|| message.topic.clone())
     }

@@ -38,12 +38,12 @@ impl EventQueue {
         }
     }
 
-    /// Removes and returns the waiting events.
+    /// Removes and returns all events that wait for the broker.
     pub(super) fn take(&mut self) -> Vec<PlantEvent> {
         std::mem::take(&mut self.waiting).into()
     }
 
-    /// Returns the number of waiting events.
+    /// Returns the number of events that wait for the broker.
     pub(super) fn len(&self) -> usize {
         self.waiting.len()
     }

@@ -20,7 +20,7 @@ const TOPICS: &str = "topics";
 /// Duration of a connection after which its first messages count as delivered.
 const ARRIVED_AFTER: Duration = Duration::from_secs(60);
 
-/// Memory of what earlier runs have published.
+/// Memory of what earlier runs have published. The variant depends on the message format.
 pub(super) enum Memory {
     /// File with the death number of a Sparkplug node, and the number that it contains.
     Deaths { file: NumberFile, kept: Option<u8> },
@@ -29,7 +29,7 @@ pub(super) enum Memory {
         file: TopicsFile,
         /// Topics of earlier runs that this run does not publish, and whose messages are not known to be cleared.
         gone: BTreeSet<String>,
-        /// Start of this connection, and the topics to which messages were published on it.
+        /// Start of the present connection, and the topics of the messages that were published on this connection.
         told: (Moment, BTreeSet<String>),
     },
 }
@@ -43,7 +43,7 @@ impl Memory {
         (Memory::Deaths { file, kept }, kept)
     }
 
-    /// Reads the topics of earlier runs.
+    /// Reads the topics to which earlier runs have published.
     pub(super) fn of_topics(directory: &Path) -> Memory {
         let file = TopicsFile::at(directory.join(TOPICS));
         // If the list cannot be read, old messages stay at the broker.

@@ -1,5 +1,5 @@
-//! Queue of records for an unreachable broker. The queue is on disk if the message format supports values of the past.
-//! Otherwise, it is in memory.
+//! Queue of records for an unreachable broker. A record is the state or the events of one time, encoded for the message
+//! format. The queue is on disk if the message format supports values of the past. Otherwise, it is in memory.
 
 use std::collections::VecDeque;
 use std::path::Path;

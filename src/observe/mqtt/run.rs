@@ -37,14 +37,14 @@ const LONGEST_PAUSE: Duration = Duration::from_secs(30);
 /// Maximum wait for unpublished messages at the end of a run. Disconnecting may take the same time again.
 const LAST_PATIENCE: Duration = Duration::from_secs(stop::BROKER.as_secs() / 2);
 
-/// Publisher for one broker, with its queues.
+/// Publisher for one broker, with its queues and its connection state.
 pub(super) struct Runner {
     pub(super) publisher: Box<dyn Publisher>,
     pub(super) memory: Memory,
     pub(super) source: Arc<dyn GatewayApi>,
     pub(super) figures: Arc<BrokerFigures>,
     pub(super) clock: Clock,
-    /// Address of the broker.
+    /// Scheme, host and port of the broker.
     pub(super) address: String,
     pub(super) every: Duration,
     pub(super) resolutions: Vec<f64>,
@@ -63,7 +63,7 @@ pub(super) struct Runner {
     pub(super) host_report: HostReport,
 }
 
-/// Time without a usable connection.
+/// Period without a usable connection to the broker.
 #[derive(Default)]
 pub(super) struct Outage {
     /// Number of failed attempts, and of connections that the broker closed after a denied message.
@@ -77,7 +77,7 @@ enum End {
     Broken(Fault),
     /// The primary host has gone offline.
     HostOffline,
-    /// The gateway has ended.
+    /// The gateway has ended, so that the publisher must end too.
     Stopped,
 }
 
@@ -183,7 +183,8 @@ impl Runner {
         }
     }
 
-    /// Uses one connection until it breaks or the gateway ends.
+    /// Publishes over one connection until the connection breaks, the primary host goes offline, or the gateway ends.
+    /// Returns the reason for the end.
     async fn published(
         &mut self,
         mut connection: impl Connection,
@@ -513,7 +514,7 @@ impl Runner {
     }
 }
 
-/// Completes when the gateway has ended.
+/// Completes when `stopped` is set, because the gateway has ended.
 async fn ends(stopped: &mut watch::Receiver<bool>) {
     // An error means that the sender is gone.
     let _ = stopped.wait_for(|stopped| *stopped).await;

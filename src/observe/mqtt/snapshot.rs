@@ -29,7 +29,7 @@ pub(super) fn resolutions(profile: &Profile) -> Vec<f64> {
     profile.signals.iter().map(resolution).collect()
 }
 
-/// Converts a state to metrics.
+/// Converts a status of the gateway to metrics. `resolutions` are the results of [`resolutions`].
 pub(super) fn metrics(status: &Status, resolutions: &[f64]) -> Vec<Metric> {
     let mut list = List { now: moment(&status.now).unwrap_or_default(), metrics: Vec::new() };
     list.gateway(status);

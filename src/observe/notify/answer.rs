@@ -60,7 +60,7 @@ fn assessed(code: u16, headers: &[Header<'_>]) -> Result<(), Failure> {
     }
 }
 
-/// Returns the address in a redirection without the parts that may be secret, for a message.
+/// Formats the address of a redirection for a message. Path and query are left out, because they may be secret.
 fn shown(location: &str) -> String {
     Url::parse(location).map_or("another path of the same server".to_owned(), |url| url.to_string())
 }

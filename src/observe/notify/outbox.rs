@@ -1,4 +1,4 @@
-//! Queue of messages for one server.
+//! Queue of the messages that wait for one server of `[[notify]]`.
 
 use std::collections::VecDeque;
 use std::fmt;
@@ -15,7 +15,7 @@ use isotherm_profile::{ALARM, ALARM_OVER, AXIS_OFF, CLOCK, Notify, UNVERIFIED};
 /// are the most useful.
 const MOST: usize = 100;
 
-/// Queue of messages for one server.
+/// Queue of the messages that wait for one server of `[[notify]]`.
 pub struct Outbox {
     notify: Notify,
     machine: String,
@@ -29,15 +29,15 @@ struct Queue {
     waiting: VecDeque<Message>,
     /// Whether a message was taken from the queue and is neither delivered nor given up.
     is_under_way: bool,
-    /// Number of messages added since the start.
+    /// Number of messages that were added since the start, including dropped messages.
     count: u64,
     /// Number of dropped messages that are not reported to the server yet.
     dropped: u64,
     losses: Losses,
 }
 
-/// Counter of the dropped messages. Events report them at once, then whenever their number has doubled, and when the
-/// queue is empty.
+/// Counter of the dropped messages. An event reports their number at once, then whenever the number has doubled, and
+/// when the queue is empty.
 #[derive(Debug, Default)]
 struct Losses {
     unreported: u64,
@@ -63,7 +63,7 @@ impl fmt::Debug for Outbox {
 }
 
 impl Outbox {
-    /// Creates an empty queue.
+    /// Creates an empty queue for the server of this `[[notify]]` entry.
     pub fn of(notify: &Notify, machine: &str, dry_run: bool) -> Outbox {
         let (notify, machine) = (notify.clone(), machine.to_owned());
         Outbox { notify, machine, dry_run, queue: Mutex::default(), wakeup: Wakeup::new() }

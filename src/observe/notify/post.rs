@@ -42,7 +42,7 @@ pub enum Failure {
     /// The server closed the connection before it answered.
     #[error("the server closed the connection before it had answered")]
     Closed,
-    /// The server did not answer in time.
+    /// The server did not answer within this time.
     #[error("no answer within {} s", .0.as_secs_f64())]
     Silent(Duration),
     /// The answer of the server is not HTTP/1.1.

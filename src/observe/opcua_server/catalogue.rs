@@ -45,7 +45,7 @@ const LEFT_OUT: [&str; 14] = [
     "truth",
 ];
 
-/// Field of the status.
+/// Field of the status, as the manual describes it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Field {
     /// Name in JSON.
@@ -54,11 +54,11 @@ pub(super) struct Field {
     pub(super) kind: Kind,
     /// Unit of the value; empty if the value has no unit, or if the unit depends on the item.
     pub(super) unit: &'static str,
-    /// Description, one or more sentences.
+    /// Description of the field in the manual: one or more sentences.
     pub(super) about: &'static str,
 }
 
-/// Type of a field that has nodes.
+/// Type of a status field that has nodes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Kind {
     /// Floating-point number.
@@ -71,7 +71,7 @@ pub(super) enum Kind {
     Text,
     /// List of texts.
     Texts,
-    /// Object with the fields of this section.
+    /// Object with the fields of the section that the value names.
     Object(&'static str),
 }
 

@@ -11,7 +11,7 @@ const TICK: u64 = 100;
 /// Number of ticks between 1601, the start of OPC UA time, and 1970.
 const TO_1970: i64 = 116_444_736_000_000_000;
 
-/// Returns the data type of a variable.
+/// Returns the OPC UA data type of a variable. A list of texts has the type of its elements.
 pub(super) fn data_type(kind: Kind) -> DataTypeId {
     match kind {
         Kind::Number => DataTypeId::Double,

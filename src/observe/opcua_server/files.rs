@@ -38,9 +38,9 @@ pub struct Login {
 /// Secret that a user needs to log in.
 #[derive(Clone)]
 pub enum Secret {
-    /// Password.
+    /// The user logs in with this password.
     Password(String),
-    /// Certificate of the user in DER form.
+    /// The user logs in with this certificate, which is in DER form.
     Certificate(Vec<u8>),
 }
 

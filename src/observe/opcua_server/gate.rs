@@ -43,7 +43,7 @@ const OPENING: Duration = Duration::from_millis(200);
 /// descriptors.
 const AGAIN: Duration = Duration::from_millis(200);
 
-/// Open connections of clients.
+/// Count of the open connections of clients.
 #[derive(Debug, Default)]
 pub(super) struct Clients {
     count: AtomicUsize,
@@ -52,7 +52,7 @@ pub(super) struct Clients {
 }
 
 impl Clients {
-    /// Number of open connections.
+    /// Returns the number of open connections.
     pub(super) fn count(&self) -> usize {
         self.count.load(Ordering::Relaxed)
     }
@@ -74,7 +74,7 @@ impl Drop for Client {
     }
 }
 
-/// Accepts connections in an endless loop, and forwards them through the protected port of the library.
+/// Accepts connections in an endless loop, and forwards their bytes through the protected port of the library.
 pub(super) async fn serve(
     listener: TcpListener,
     (door, rules): (Arc<Door>, Arc<Rules>),
@@ -122,7 +122,7 @@ async fn pass_on(client: TcpStream, door: &Door, limits: (Screen, &Pace)) -> Opt
     relay((from_client, to_client), (from_server, to_server), limits).await
 }
 
-/// Pace at which secure channels are opened, over all connections.
+/// Pace at which secure channels are opened, for all connections together.
 #[derive(Default)]
 struct Pace {
     /// Time since the last secure channel was opened; `None` before the first secure channel.
@@ -130,7 +130,7 @@ struct Pace {
 }
 
 impl Pace {
-    /// Waits until a secure channel may be opened.
+    /// Waits until the time [`OPENING`] has passed since the last secure channel was opened.
     async fn turn(&self) {
         let mut last = self.last.lock().await;
         if let Some(last) = *last {
@@ -145,7 +145,7 @@ impl Pace {
 struct Shared {
     /// Lock that is held while an answer waits for the client.
     writing: Mutex<()>,
-    /// Notification for each answer of the library.
+    /// Notification that the library has sent an answer.
     answered: Notify,
 }
 

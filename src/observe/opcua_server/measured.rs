@@ -10,7 +10,7 @@ use crate::observe::requester::{ANSWER_TIMEOUT, Channel, Requester};
 use crate::observe::status::{Answer, GatewayApi};
 use isotherm_core::compensation::MeasuredReport;
 
-/// Receiver of measured errors.
+/// Receiver of measured errors, which passes them to the gateway.
 #[derive(Clone)]
 pub(super) struct Measured {
     pub(super) source: Arc<dyn GatewayApi>,

@@ -28,13 +28,13 @@ use super::units::engineering_unit;
 /// Namespace of all nodes of the gateway. The namespace is the same for every machine, so that a client is configured
 /// only once.
 pub(super) const NAMESPACE: &str = "urn:isotherm:machine";
-/// Name of the only method.
+/// Name of the only method of the server, which accepts a measured error of an axis.
 const MEASURED: &str = "measured";
 
 /// Nodes of the gateway in the address space of the library.
 pub(super) type Manager = InMemoryNodeManager<Nodes>;
 
-/// Builder of the nodes.
+/// Builder that inserts the nodes of the tree into the address space of the library.
 pub(super) struct NodesBuilder {
     pub(super) tree: Arc<Tree>,
     /// Receiver of measured errors; `None` if no user may send them.
@@ -137,7 +137,7 @@ impl InMemoryNodeManagerImpl for Nodes {
     }
 }
 
-/// Returns the node with this identifier.
+/// Makes the OPC UA node identifier from the index of the namespace and the identifier in the tree.
 pub(super) fn node(index: u16, id: &str) -> NodeId {
     NodeId::new(index, id)
 }

@@ -41,7 +41,7 @@ pub(super) struct Pki {
     key: Option<KeyInMemory>,
 }
 
-/// Certificate of a refused client.
+/// Refused client: the subject and the digest of its certificate.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) struct RejectedClient {
     pub(super) subject: String,
@@ -98,7 +98,7 @@ impl Pki {
         Ok(Pki { directory: directory.to_owned(), reported: BTreeSet::new(), key })
     }
 
-    /// Returns the path of the directory.
+    /// Returns the path of the directory of the certificates.
     pub(super) fn directory(&self) -> &Path {
         &self.directory
     }

@@ -20,7 +20,7 @@ pub(super) struct Refusals {
 }
 
 impl Refusals {
-    /// Counts a refused login.
+    /// Counts a refused login, and stores its user name.
     pub(super) fn login(&self, name: &str) {
         let mut found = locked(&self.logins);
         found.0 += 1;

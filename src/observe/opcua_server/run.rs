@@ -34,7 +34,7 @@ use isotherm_profile::{OpcUaServer, host_and_port};
 
 /// Number of consecutive failures with a new cause after which the new cause is reported.
 const CHANGED_AFTER: u32 = 2;
-/// Interval between attempts to start the server.
+/// Wait after a failure before the server is started again.
 const AGAIN: Duration = Duration::from_secs(10);
 /// Interval of the checks whether the library has started.
 const STARTING: Duration = Duration::from_millis(5);
@@ -55,7 +55,7 @@ pub(super) struct Runner {
     pub(super) connections: usize,
 }
 
-/// State of the port that was reported last.
+/// State of the server's port in the last report: nothing was reported, or the port is closed.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Reported {
     Nothing,
@@ -173,7 +173,8 @@ impl Runner {
         Ok((server, Updates::begin(self.source.clone(), (tree, status), library)))
     }
 
-    /// Returns the host in the addresses that clients see.
+    /// Returns the host in the addresses that clients see. It is the host of `listen`, or the name of this computer
+    /// if the server listens on every address.
     fn host(&self, address: SocketAddr) -> String {
         let host = host_and_port(&self.settings.listen).map_or("", |(host, _)| host);
         if address.ip().is_unspecified() { self.hostname.clone() } else { host.to_owned() }

@@ -16,10 +16,10 @@ const MOST_RECORDS: usize = 50;
 /// Kinds of outputs whose register value is Cz.
 const CZ_OUTPUTS: [&str; 2] = ["offset", "intercept"];
 
-/// Value of a variable.
+/// Value of a variable, as the status contains it.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) enum Value {
-    /// The status has no value.
+    /// The status has no value for the variable.
     Null,
     Number(f64),
     Count(u64),
@@ -28,7 +28,7 @@ pub(super) enum Value {
     Texts(Vec<String>),
 }
 
-/// Quality of a value.
+/// Quality of a value, from which the OPC UA status code is made.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Quality {
     /// The value may be used.
@@ -43,13 +43,13 @@ pub(super) enum Quality {
     Waiting,
     /// The device does not answer, or its last value is too old.
     NoCommunication,
-    /// The sensor measures nothing.
+    /// The sensor has a fault, or its value is not a measurement.
     SensorFailure,
-    /// The value is outside its limits.
+    /// The value, or its change, is outside its limits.
     OutOfRange,
     /// The channel of the sensor is switched off.
     OutOfService,
-    /// The profile does not fit the device.
+    /// The profile does not fit the device or the signal, for example in its data type.
     Configuration,
     /// The device refuses the value, or sends an unexpected value.
     DeviceFailure,
@@ -64,7 +64,7 @@ pub(super) struct Sample {
     pub(super) at: Moment,
 }
 
-/// Last samples of all variables.
+/// Sampler of the variables, with the last sample of each variable.
 #[derive(Debug, Default)]
 pub(super) struct Sampler {
     last: Vec<Sample>,
@@ -81,7 +81,7 @@ struct Lists {
     events: Vec<Entry>,
 }
 
-/// Item of a list that was converted to JSON last. It is kept because the variables of one item follow each other.
+/// List item that was converted to JSON last. It is kept because consecutive variables belong to the same item.
 #[derive(Default)]
 struct Item {
     of: Option<(List, usize)>,
@@ -89,7 +89,7 @@ struct Item {
 }
 
 impl Quality {
-    /// Returns the quality of a signal with this code.
+    /// Returns the quality for the quality code of a signal in the status, for example `stale`.
     fn of_code(code: &str) -> Quality {
         match code {
             "good" => Quality::Good,
@@ -233,7 +233,7 @@ impl Sampler {
         changed
     }
 
-    /// Returns the last sample of the variable with this index.
+    /// Returns the last sample of the variable with the index `place`; `None` before the first sample.
     pub(super) fn sample(&self, place: usize) -> Option<&Sample> {
         self.last.get(place)
     }

@@ -59,7 +59,7 @@ impl Rules {
     }
 }
 
-/// Protection of a channel.
+/// Protection of the secure channel that a client has opened on its connection.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Channel {
     /// No channel is open yet.
@@ -73,26 +73,26 @@ enum Channel {
 /// Next step of the gate after some bytes were forwarded.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Then {
-    /// Further bytes may be forwarded.
+    /// The gate may forward further bytes.
     GoOn,
-    /// The library must answer first.
+    /// The gate must wait until the library has answered.
     Wait,
-    /// The library must answer first, and needs much processor time for it.
+    /// The gate must wait until the library has answered. The answer needs much processor time.
     Open,
 }
 
-/// Reason why a connection is closed.
+/// Reason why the gate refuses a message and closes the connection.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) enum Refusal {
     /// The bytes are not an OPC UA message.
     NoMessage,
     /// A message is larger than the maximum size that the server has stated.
     TooLarge,
-    /// No endpoint offers this policy.
+    /// No endpoint offers the security policy that the client uses.
     Policy,
     /// The client with this certificate is not trusted.
     Untrusted(Vec<u8>),
-    /// The request requires a secure channel.
+    /// The client sends a request without security that is permitted only on a secure channel.
     Plain,
 }
 
@@ -115,7 +115,7 @@ impl Refusal {
     }
 }
 
-/// Filter for the messages of one connection.
+/// Filter for the messages that the client of one connection sends.
 #[derive(Debug)]
 pub(super) struct Screen {
     rules: Arc<Rules>,
@@ -124,7 +124,7 @@ pub(super) struct Screen {
     head: Vec<u8>,
     /// Number of bytes of an accepted message that have not arrived yet.
     left: usize,
-    /// Next step after the present message.
+    /// Next step of the gate after the end of the present message.
     then: Then,
 }
 
@@ -184,8 +184,8 @@ impl Screen {
         Ok(Some(size))
     }
 
-    /// Checks a message of this size that opens a channel. Returns `false` if its policy or its certificate has not
-    /// arrived completely.
+    /// Checks a message of `size` bytes that opens a channel: its policy, its certificate and its length. Returns
+    /// `false` if policy or certificate have not arrived completely.
     fn opens(&mut self, size: usize) -> Result<bool, Refusal> {
         let Some(length) = number(&self.head, LENGTH_AT) else { return Ok(false) };
         if length > LONGEST {
@@ -222,7 +222,8 @@ impl Screen {
         Ok(true)
     }
 
-    /// Checks a request. Returns `false` if the identifier of the request has not arrived yet.
+    /// Checks whether the channel permits a request. Returns `false` if the identifier of the request has not arrived
+    /// yet.
     fn asks(&self) -> Result<bool, Refusal> {
         match self.channel {
             Channel::None => Err(Refusal::NoMessage),

@@ -23,7 +23,7 @@ const MOST_NODES: usize = 10_000;
 /// Maximum number of nodes that are read in one call. The library stores all values until it sends them, and a value
 /// may be an array of texts.
 const MOST_READ: usize = 2_000;
-/// Smallest value of the maximum number of nodes in one subscription, even if the machine has few nodes.
+/// Number of nodes that one subscription may always contain, even if the machine has few nodes.
 const FEW_NODES: usize = 1_000;
 /// Maximum number of subscriptions of one login.
 const MOST_SUBSCRIPTIONS: usize = 4;
@@ -34,9 +34,9 @@ const MOST_QUEUED: usize = 10;
 const MOST_CHUNKS: usize = 32;
 /// Maximum size of a chunk in bytes. The server reports this size to clients when they connect.
 pub(super) const CHUNK: usize = 65_535;
-/// Maximum value, in milliseconds, of the shortest publishing interval that the server allows.
+/// Publishing interval, in milliseconds, that clients may always request, even if the nodes are updated less often.
 const LONGEST_PUBLISHING_MS: f64 = 1000.0;
-/// Path of every endpoint.
+/// Path of every endpoint in the address of the server.
 const PATH: &str = "/";
 
 /// Configuration for one start of the library.
@@ -48,7 +48,7 @@ pub(super) struct Setup<'s> {
     pub(super) every: Duration,
     /// Host and port in the addresses that clients see.
     pub(super) shown: (&'s str, u16),
-    /// Maximum number of connections.
+    /// Maximum number of simultaneous connections.
     pub(super) connections: usize,
     pub(super) directory: PathBuf,
     pub(super) key: Option<&'s KeyInMemory>,
@@ -122,9 +122,9 @@ impl Setup<'_> {
         let every_ms = 1000.0 * self.every.as_secs_f64();
         let subscriptions = &mut limits.subscriptions;
         subscriptions.min_sampling_interval_ms = every_ms;
-        // A client also hears by these messages that the server is alive.
+        // These messages also show the client that the server is alive.
         subscriptions.min_publishing_interval_ms = every_ms.min(LONGEST_PUBLISHING_MS);
-        // Each one needs memory, so there are enough of them for each node, and no more.
+        // Each monitored item needs memory, so the limit depends on the number of variables.
         subscriptions.max_monitored_items_per_sub = (2 * variables).clamp(FEW_NODES, MOST_NODES);
         subscriptions.max_subscriptions_per_session = MOST_SUBSCRIPTIONS;
         subscriptions.max_monitored_item_queue_size = MOST_QUEUED;

@@ -8,7 +8,7 @@
 use super::catalogue::{self, Field, Kind};
 use crate::observe::status::Status;
 
-/// Root folder of all nodes.
+/// Name and identifier of the root folder, which contains all nodes of the gateway.
 const MACHINES: &str = "Machines";
 /// Identifier of the object of the machine, which is the source of its events.
 pub(super) const MACHINE: &str = "machine";
@@ -19,7 +19,7 @@ const COMPONENTS: &str = "Components";
 const MONITORING: &str = "Monitoring";
 const NOTIFICATION: &str = "Notification";
 
-/// List of the status. Each of its items becomes an object.
+/// List of the status with a constant number of items. Each item becomes an object.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum List {
     Axes,
@@ -35,19 +35,19 @@ pub(super) enum Records {
     Events,
 }
 
-/// Origin of the value of a variable.
+/// Origin of the value that a variable node shows.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) enum Source {
     /// Property of a nameplate, which never changes.
     Nameplate(String),
-    /// Field of the status itself.
+    /// Field of the machine as a whole, outside the lists of the status.
     Machine(&'static str),
     /// Field of an item of a list. The values are the list, the index of the item, and the names that lead to the
     /// field.
     Item(List, usize, Vec<&'static str>),
-    /// Field of all records, as an array.
+    /// Field of all records of a list, as one array.
     Column(Records, &'static str),
-    /// Number of records.
+    /// Number of records of a list.
     Total(Records),
 }
 
@@ -58,25 +58,25 @@ pub(super) enum Role {
     Folder,
     /// Folder that OPC 40001-1 adds to a machine or to a component.
     AddIn,
-    /// Object with variables.
+    /// Object that only groups variables and other objects.
     Object,
-    /// Object that reports events.
+    /// Object that is the source of events: the machine.
     EventSource,
 }
 
-/// Object node.
+/// Object node, which groups variables or other objects.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) struct Object {
     pub(super) id: String,
     /// Identifier of the parent object; `None` for the folder of all objects of the server.
     pub(super) parent: Option<String>,
     pub(super) name: String,
-    /// Displayed name.
+    /// Displayed name of the object.
     pub(super) label: String,
     pub(super) role: Role,
 }
 
-/// Variable node.
+/// Variable node with one value of the status, or with a property of a nameplate.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) struct Variable {
     pub(super) id: String,

@@ -23,9 +23,9 @@ pub(super) struct Updates {
     source: Arc<dyn GatewayApi>,
     clock: Clock,
     tree: Arc<Tree>,
-    /// Nodes of the variables, in the order of the tree.
+    /// Node identifiers of the variables, in the order of the tree.
     ids: Vec<NodeId>,
-    /// Node of the machine, which is the source of its events.
+    /// Node identifier of the machine, which is the source of its events.
     machine: NodeId,
     sampler: Sampler,
     feed: EventFeed,
@@ -34,11 +34,11 @@ pub(super) struct Updates {
     pki: Pki,
     refusals: Arc<Refusals>,
     reports: Reports,
-    /// Time of the last sample, as time since the start of the computer.
+    /// Time of the last [`Updates::refresh`], as time since the start of the computer; `None` before the first refresh.
     refreshed: Option<Duration>,
 }
 
-/// Parts of the library that [`Updates`] changes.
+/// Parts of the server that [`Updates`] needs: nodes, handle, certificates, and refused clients.
 pub(super) struct Library {
     pub(super) manager: Arc<Manager>,
     pub(super) handle: ServerHandle,
@@ -103,7 +103,7 @@ impl Updates {
         }
     }
 
-    /// Reports refused clients and logins.
+    /// Reports the clients and logins that were refused since the last report.
     pub(super) fn report(&mut self) {
         for certificate in self.refusals.take_clients() {
             self.pki.reject(&certificate);

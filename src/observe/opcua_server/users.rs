@@ -30,7 +30,7 @@ pub(super) struct Users {
     may_measure: BTreeSet<String>,
     /// Login policies of the library, which also compare the certificates of users.
     policies: DefaultAuthenticator,
-    /// Lock of the login that is checked at present.
+    /// Lock that is held while a login is checked, so that no two logins are checked at the same time.
     turn: Mutex<()>,
     refusals: Arc<Refusals>,
 }

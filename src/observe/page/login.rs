@@ -1,4 +1,4 @@
-//! Sign-in page: a plain form.
+//! Sign-in page: a plain form that works without scripts.
 
 use maud::{DOCTYPE, Markup, html};
 
@@ -9,7 +9,7 @@ use super::{Words, heading};
 pub(in crate::observe) struct LoginPlace<'a> {
     /// Displayed name of the machine.
     pub(in crate::observe) machine: &'a str,
-    /// Relative address of the web page.
+    /// Relative address of the web page, for example `../`.
     pub(in crate::observe) top: &'a str,
 }
 

@@ -5,7 +5,7 @@ use std::sync::LazyLock;
 
 use isotherm_profile::Language;
 
-/// Texts of one language, by key.
+/// Texts of the web page in one language.
 pub(in crate::observe) struct Words {
     /// Code of the language, as in the attribute `lang` and the header `Accept-Language`.
     pub(super) language: &'static str,
@@ -42,7 +42,7 @@ impl Words {
             .unwrap_or(&ALL[0])
     }
 
-    /// Returns the text with this key.
+    /// Returns the text with this key; the key itself if the language has no such text.
     pub(super) fn get(&self, key: &'static str) -> &str {
         self.by_key.get(key).map_or(key, String::as_str)
     }

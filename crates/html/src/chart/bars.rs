@@ -6,7 +6,7 @@ use plotters::style::text_anchor::{HPos, Pos, VPos};
 
 use super::{COOL, INK, QUIET, count, letters, pixels, sheet, span};
 
-/// One bar of a bar chart.
+/// Bar of a chart, with the texts to its left and right.
 #[derive(Clone, Debug, Default)]
 pub struct Bar {
     /// Name to the left of the bar.
@@ -24,7 +24,7 @@ pub struct Bar {
 
 const WIDTH: f64 = 480.0;
 const ROW: f64 = 28.0;
-/// Approximate width of one letter, in pixels.
+/// Approximate width of one letter, in pixels. The space for the texts next to the bars is calculated from it.
 const LETTER: f64 = 9.6;
 
 /// Draws the bars one below the other, on a common scale that includes zero. `says` is the text for screen readers.

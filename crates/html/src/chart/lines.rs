@@ -10,20 +10,20 @@ use super::{Axes, COOL, Drawn, INK, Plot, QUIET, WARM, count, hours, sheet, span
 pub enum LineStyle {
     /// Thick and black.
     Solid,
-    /// Dashed.
+    /// Dashed, in dark orange.
     Dashed,
     /// Filled area between the line and zero.
     Filled,
     /// Thin and grey, for one of many lines in a chart.
     Faint,
-    /// Circles without a line.
+    /// Circles at the points, without a line between them.
     Points,
 }
 
 /// Line of a chart. The horizontal axis of the chart is the time in hours, or a position.
 #[derive(Clone, Debug)]
 pub struct Line {
-    /// Style in which the line is drawn.
+    /// Style of the line, for example dashed.
     pub style: LineStyle,
     /// Points of the line: horizontal coordinate (time in hours, or position), and value.
     pub points: Vec<(f64, f64)>,
@@ -31,7 +31,7 @@ pub struct Line {
 
 /// Maximum number of points of a line. A printer cannot resolve more points in the width of a chart.
 const MOST_POINTS: usize = 200;
-/// Maximum number of points of a [`LineStyle::Faint`] line.
+/// Maximum number of points of a [`LineStyle::Faint`] line. A chart may have many of these lines.
 const MOST_POINTS_FAINT: usize = 80;
 
 impl Line {
@@ -73,7 +73,8 @@ pub fn lines(
     sheet(width, height, says, |paper| draw(&mut axes.plot(paper)?, &axes, all))
 }
 
-/// Draws lines over a position. `unit` is the unit of the values, and `across` labels the position.
+/// Draws lines over a position. `unit` is the unit of the values, and `across` is the label of the horizontal axis.
+/// `says` is the text for screen readers.
 pub fn along(unit: &str, across: &str, says: &str, all: &[Line]) -> Markup {
     let points = || all.iter().flat_map(|line| line.points.iter().copied());
     let y = span(points().map(|(_, value)| value), true);
@@ -131,7 +132,8 @@ pub fn curve(unit: &str, says: &str, values: &[f64], marked: usize, level: f64) 
     })
 }
 
-/// Draws each pair `(x, y)` as a point, and the diagonal line on which x equals y.
+/// Draws each pair `(x, y)` as a point, and the diagonal line on which x equals y. Both axes have the same range and
+/// the same unit.
 pub fn scatter(unit: &str, says: &str, pairs: &[(f64, f64)]) -> Markup {
     let (low, high) = span(pairs.iter().flat_map(|(one, other)| [*one, *other]), true);
     let both = (low, high);
