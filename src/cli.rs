@@ -247,7 +247,7 @@ pub fn escaped(refused: clap::Error) -> clap::Error {
     Arguments::try_parse_from(shown).err().unwrap_or(refused)
 }
 
-/// Executes the verb, and returns the exit code.
+/// Executes the verb, and returns the exit code: 0 success, 1 failure, 3 no answer of the gateway, 64 wrong profile.
 pub fn run(arguments: Arguments) -> ExitCode {
     let log = diagnostics::start_log(arguments.log_filter());
     let mut replacement = None;

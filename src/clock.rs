@@ -46,7 +46,7 @@ use stamp::ClockDifference;
 use wall::Wall;
 use wheel_timer::WheelTimer;
 
-/// Clock that several tasks share. All clones of a clock are one clock.
+/// Clock that several tasks share. All clones of a clock have the same time and the same sleepers.
 #[derive(Clone, Debug)]
 pub struct Clock {
     source: Source,
@@ -61,7 +61,7 @@ enum Source {
     Simulated(Arc<Simulated>),
 }
 
-/// Registration of one task with the clock.
+/// Registration of one task with the clock, by which the task sleeps until a deadline or an earlier wakeup.
 #[derive(Debug)]
 pub struct Sleeper {
     clock: Clock,
@@ -99,7 +99,8 @@ impl Clock {
         Clock::wall_by(BootClock::default(), TimeOfDay::default())
     }
 
-    /// Returns a clock of wall-clock time with these sources of elapsed time and time of day.
+    /// Returns a clock of wall-clock time that takes elapsed time from `boot_clock` and the time of day from
+    /// `time_of_day`.
     pub fn wall_by(boot_clock: BootClock, time_of_day: TimeOfDay) -> Clock {
         let clock = Clock::of(Source::Wall(Arc::new(Wall::start(boot_clock, time_of_day))));
         // The first comparison sets the shift. Its difference is not a correction.
@@ -189,7 +190,7 @@ impl Clock {
         Sleeper { clock: self.clone(), place }
     }
 
-    /// Stops a virtual clock until the hold is dropped.
+    /// Stops a virtual clock until the returned value is dropped. A wall clock continues.
     pub fn hold(&self) -> Hold {
         match &self.source {
             Source::Wall(_) => Hold { _membership: None },

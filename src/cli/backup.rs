@@ -93,7 +93,7 @@ pub(super) struct Manifest {
     pub(super) secrets: bool,
     /// File name of the profile in the archive.
     pub(super) profile: String,
-    /// Value of `directory` in `[history]` of the profile.
+    /// Value of `directory` in `[history]` of the profile; `None` if the profile does not state it.
     pub(super) state_directory: Option<PathBuf>,
     pub(super) files: Vec<Entry>,
 }

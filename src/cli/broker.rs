@@ -15,7 +15,7 @@ use {
 /// Checks the TLS files of `[mqtt]`, which the profile reader does not check.
 ///
 /// # Errors
-/// All errors, in the order of the file.
+/// Every error of these TLS files, in the order of the keys in the profile.
 #[cfg(feature = "mqtt")]
 pub(super) fn check(profile: &Profile) -> Result<(), Errors> {
     let Some(Err(mut wrong)) = profile.mqtt.as_ref().map(tls::broker) else { return Ok(()) };
@@ -23,10 +23,10 @@ pub(super) fn check(profile: &Profile) -> Result<(), Errors> {
     Err(Errors(wrong))
 }
 
-/// Rejects a profile with `[mqtt]`, because this program cannot publish.
+/// Rejects a profile with `[mqtt]`, because this program was built without MQTT and cannot publish.
 ///
 /// # Errors
-/// This program was built without MQTT.
+/// The profile has a table `[mqtt]`.
 #[cfg(not(feature = "mqtt"))]
 pub(super) fn check(profile: &Profile) -> Result<(), Errors> {
     let help = "use a packaged program, or build one with MQTT: `cargo build --release --features mqtt`";

@@ -26,8 +26,8 @@ pub(super) struct Certificate {
     show: watch::Sender<Arc<ServerConfig>>,
 }
 
-/// State of the certificate file and of the key file, from their metadata. A different value means that a file was
-/// replaced or changed.
+/// State of the certificate file and of the key file: inode number, size, and modification time in seconds and
+/// nanoseconds. `None` if the metadata cannot be read. A different value means that a file was replaced or changed.
 type Stamp = [Option<(u64, u64, i64, i64)>; 2];
 
 impl Certificate {

@@ -48,7 +48,7 @@ pub(super) struct RunningGateway {
 }
 
 impl RunningGateway {
-    /// Returns the path of the gateway's command socket.
+    /// Returns the path of the Unix socket at which the selected gateway accepts commands.
     pub(super) fn socket(&self, profile: &Profile) -> anyhow::Result<PathBuf> {
         running::socket(self.state.as_deref(), profile)
     }

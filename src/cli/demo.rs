@@ -255,7 +255,7 @@ async fn draw(
     }
 }
 
-/// Prints the result of the demo.
+/// Prints the error ranges of the demo without and with compensation, as text or as JSON.
 fn report(
     arguments: &Arguments,
     summary: &Summary,

@@ -35,7 +35,8 @@ struct Window {
     name: String,
 }
 
-/// Counts of recent log lines, for each kind of line. Its functions get the time as an argument.
+/// Counts of recent log lines in a window of one second, for each kind of line. The functions get the time as an
+/// argument.
 #[derive(Debug)]
 struct Budget<K>(HashMap<K, Window>);
 
@@ -57,8 +58,8 @@ impl<K: Eq + Hash> Budget<K> {
         is_written
     }
 
-    /// Removes the windows whose second is over. Returns their names with the numbers of dropped lines. Also returns
-    /// whether the remaining windows have dropped lines.
+    /// Removes every window whose second is over. For each removed window with dropped lines, returns its name and the
+    /// number of these lines. Also returns whether a remaining window has dropped lines.
     fn due(&mut self, now: Duration) -> (Vec<(String, u64)>, bool) {
         let over = |window: &Window| now >= window.since + SPAN;
         let reported = self.0.values().filter(|window| over(window) && window.left_out > 0);

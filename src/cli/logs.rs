@@ -55,8 +55,8 @@ fn time_units() -> impl TypedValueParser<Value = TimeUnit> {
     ])
 }
 
-/// Returns whether a zone is a name and a number, such as `UTC+1`. In POSIX, `UTC+1` is one hour west of UTC, but most
-/// people mean one hour east.
+/// Returns whether a time zone is ambiguous: a name and a number, such as `UTC+1`. In POSIX, `UTC+1` is one hour west
+/// of UTC, but most people mean one hour east.
 fn has_two_readings(text: &str) -> bool {
     text.find(['+', '-']).is_some_and(|at| {
         let (name, offset) = (&text[..at], &text[at + 1..]);

@@ -43,7 +43,8 @@ pub(super) fn meant(path: &Path) -> Option<&'static str> {
     isotherm_profile::nearest_or_longer(name, &names().collect::<Vec<_>>())
 }
 
-/// Loads a shipped machine with these keys overridden. Returns its profile and its plant.
+/// Loads a shipped machine, with the keys in `set` overridden. Returns its profile and its plant (simulated machine).
+/// An unknown name is an error.
 pub(super) fn with_plant(name: &str, set: &[(String, String)]) -> anyhow::Result<(Profile, PlantSpec)> {
     let Some((path, text)) = text(name) else {
         anyhow::bail!("there is no machine `{name}`; {}", isotherm_profile::allowed(name, names()));

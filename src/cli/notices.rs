@@ -12,12 +12,14 @@ use isotherm_profile::{Notify, Profile};
 /// Time limit of a test connection.
 const WITHIN: Duration = Duration::from_secs(10);
 
-/// Returns the certificates with which a server's certificate is verified.
+/// Returns the TLS settings that verify a server's certificate, or an error. They trust the authorities in the file
+/// `ca` of the profile, otherwise those of this computer.
 pub(super) fn trust(notify: &Notify) -> Trust {
     tls::plant_client(notify.ca.as_ref().map(|ca| ca.bytes.as_slice())).map(Arc::new)
 }
 
-/// Returns the reasons why this computer cannot send messages as the profile requires.
+/// Returns the token files and certificates that cannot be used, each with the reason. Empty if the gateway can send
+/// messages to every server of the profile.
 pub(super) fn hindered(profile: &Profile) -> Vec<String> {
     let of = |notify: &Notify| {
         let token = notify.token_file.as_ref().and_then(|path| read_token(path).err());
@@ -29,7 +31,8 @@ pub(super) fn hindered(profile: &Profile) -> Vec<String> {
     profile.notify.iter().flat_map(of).collect()
 }
 
-/// Connects to all servers at once, including the TLS handshake, and sends no message. Returns the results.
+/// Connects to all notification servers at the same time, including the TLS handshake, and sends no message. Returns
+/// one result for each server.
 pub(super) fn look(profile: &Profile) -> anyhow::Result<Vec<ConnectionTest>> {
     if profile.notify.is_empty() {
         return Ok(Vec::new());

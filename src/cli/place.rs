@@ -110,7 +110,7 @@ pub(super) struct Arguments {
     json: bool,
 }
 
-/// Direction of a coordinate axis.
+/// Coordinate axis in the values of `--component` and `--along`.
 #[derive(Clone, Copy, Debug, clap::ValueEnum)]
 enum AxisWord {
     X,
@@ -118,7 +118,7 @@ enum AxisWord {
     Z,
 }
 
-/// Program that calculates temperatures and displacements.
+/// Value of `--engine`: the program that calculates temperatures, displacements and the matrix P.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
 enum Engine {
     /// isotherm's own finite elements

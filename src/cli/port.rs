@@ -15,7 +15,7 @@ use crate::observe::status::GatewayApi;
 use isotherm_core::explained::{Cause, Explained};
 use isotherm_profile::{PLAIN, Web, host_and_port};
 
-/// Number of successive failures with a new cause, after which this cause is reported.
+/// Number of successive failed attempts with the same new cause, after which the gateway reports this cause.
 const CHANGED_AFTER: u32 = 2;
 /// Interval between attempts to open the port.
 const AGAIN: Duration = Duration::from_secs(10);

@@ -74,7 +74,7 @@ fn not_taken(error: Error) -> Error {
 /// Maximum number of characters in a line of a diagnostic. A longer line is cut, because it probably quotes a file or a
 /// device.
 const LONGEST_LINE: usize = 2000;
-/// Maximum number of bytes in a diagnostic.
+/// Maximum number of bytes in a diagnostic. Further lines are only counted.
 const MOST_SAID: usize = 64_000;
 
 /// Prints a diagnostic on stderr, for example a warning or a progress line. Write errors are ignored.

@@ -66,7 +66,7 @@ pub(super) struct Arguments {
     check_only: Option<PathBuf>,
 }
 
-/// Program that replaces this one, with the data that is handed over to it.
+/// Program that replaces this program in the same process, and the data that is handed over to the new program.
 pub(super) struct Replacement {
     program: Program,
     handover: Handover,
@@ -270,7 +270,7 @@ fn learn_command(profile: &ProfileArguments, state: &Path) -> Option<LearnComman
     Some(LearnCommand { program: "/proc/self/exe".into(), arguments, times: LearnTimes::default() })
 }
 
-/// Returns `None`, because this program does not learn.
+/// Returns `None`, because this program was built without the feature `identify` and cannot learn models.
 #[cfg(not(feature = "identify"))]
 fn learn_command(_: &ProfileArguments, _: &Path) -> Option<LearnCommand> {
     None

@@ -28,8 +28,8 @@ pub(super) struct Runs {
 }
 
 impl Runs {
-    /// Reads the columns of the logs that are used. Readings of a dial gauge become the column `error`. `displacements` are
-    /// further columns in µm.
+    /// Reads from the logs the columns that the verb uses. Readings of a dial gauge become the column `error`.
+    /// `displacements` are further columns in µm.
     pub(super) fn read(
         &self,
         logs: &[PathBuf],

@@ -169,8 +169,8 @@ fn settings(line: &LineAddress, bauds: &[u32], parities: &[Parity]) -> Vec<LineA
 /// Results of the scan so far.
 struct ScanResults {
     found: Vec<(LineAddress, Responder)>,
-    /// Faults which show that something is connected to a line, but not which unit, each with its line. Each fault is
-    /// in the list once.
+    /// Faults from which the user knows that a device is connected to the line, but not its unit number. Each fault is
+    /// listed once, with its line.
     noticed: Vec<(LineAddress, Fault)>,
     hints: Hints,
     ranges: Vec<(u8, RegisterRange)>,
@@ -232,7 +232,8 @@ impl ScanResults {
         }
     }
 
-    /// Reads these registers of every unit that was found.
+    /// Reads `count` registers, beginning with `from`, of every unit that was found. Units with garbled answers are
+    /// skipped.
     async fn walk(&mut self, scan: &Scan, (from, count): (Register, u16)) {
         for (line, found) in self.found.clone() {
             if matches!(found.how, AnswerKind::Garbled(_)) {
@@ -250,7 +251,8 @@ impl ScanResults {
         }
     }
 
-    /// Prints a line of the result. Write errors are ignored, because the program ends soon anyway.
+    /// Prints a line of the result, unless the result is printed as JSON. Write errors are ignored, and the scan
+    /// continues.
     fn say(&self, line: &str) {
         clear_line();
         if !self.json {

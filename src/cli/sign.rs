@@ -175,7 +175,7 @@ fn readiness(axis: &Value) -> Readiness {
 }
 
 /// Largest difference between Cz and the register value with which an axis counts as ready, µm. The gateway itself
-/// checks this exactly.
+/// checks the difference without this tolerance.
 const SETTLED_UM: f64 = 1.0;
 
 fn moved(word: &str) -> Option<DialDirection> {

@@ -4,7 +4,8 @@
 use tokio::signal::unix::{Signal, SignalKind, signal};
 use tokio::sync::watch;
 
-/// Listener for these signals. It also receives signals that arrive between its creation and the first wait.
+/// Listener for SIGTERM, SIGINT and SIGHUP. It also receives signals that arrive between its creation and the first
+/// wait.
 #[derive(Debug)]
 pub(super) struct Signals {
     term: Signal,

@@ -42,7 +42,7 @@ pub(super) struct Line {
 }
 
 impl Target {
-    /// Loads the profile, if the arguments name one.
+    /// Loads the profile; `None` if the arguments name no profile.
     pub(super) fn load(&self, json: bool) -> anyhow::Result<Option<Profile>> {
         self.profile.as_ref().map(|path| load_with(path, &self.set, json)).transpose()
     }

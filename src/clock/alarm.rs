@@ -21,7 +21,8 @@ pub(super) const FAR: Duration = Duration::from_millis(64);
 /// descriptors that a process may have.
 const MOST: usize = 8;
 
-/// Counter of the alarms of one clock. Each alarm owns a clone of the inner value.
+/// Counter of the alarms of one clock. Each alarm owns a clone, so that the reference count of the `Arc` shows the
+/// number of alarms.
 #[derive(Clone, Debug, Default)]
 pub(super) struct AlarmCount(Arc<()>);
 

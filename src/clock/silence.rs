@@ -1,4 +1,5 @@
-//! Silence on a physical line. Its length is measured in wall-clock time, even under a virtual clock.
+//! Silence on a physical line: the time since the last transmission. Its length is measured in wall-clock time, even
+//! under a virtual clock.
 
 #![allow(clippy::disallowed_types, reason = "a silence on a line lasts in wall-clock time")]
 
@@ -23,7 +24,7 @@ impl Silence {
         Silence { since: Instant::now() + span }
     }
 
-    /// Returns the remaining time until the silence has lasted for `span`.
+    /// Returns the remaining time until the silence has lasted for `span`; zero if it has already lasted that long.
     pub fn left_of(&self, span: Duration) -> Duration {
         (self.since + span).saturating_duration_since(Instant::now())
     }

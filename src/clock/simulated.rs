@@ -17,7 +17,7 @@ use isotherm_core::quantity::Moment;
 #[derive(Debug)]
 pub(super) struct Simulated {
     table: Mutex<Table>,
-    /// Wakes the pacer thread, when a sleeper waits for wall-clock time or the clock was dropped.
+    /// Condition variable that wakes the pacer thread: a sleeper waits for wall-clock time, or the clock was dropped.
     pacing: Condvar,
     start: Moment,
     started: Instant,
@@ -115,7 +115,8 @@ impl Simulated {
         number
     }
 
-    /// Records whether a task is reading from the socket with this number.
+    /// Records whether a task is reading from the socket with this number. While a task reads, virtual time does not
+    /// advance.
     pub(super) fn take_from(&self, number: u64, is_taken: bool) {
         let mut table = self.table();
         if let Some(inflow) = table.inflows.get_mut(&number) {

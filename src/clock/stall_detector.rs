@@ -4,13 +4,14 @@ use std::time::Duration;
 
 use isotherm_core::quantity::Moment;
 
-/// Longest gap between two clock samples that is not reported. If `max_age` is shorter, `max_age` is used instead.
+/// Longest gap between two clock samples that is not reported. If `max_age`, the greatest permitted age of a reading,
+/// is shorter, `max_age` is used instead.
 const SHORTEST: Duration = Duration::from_secs(1);
 
 /// Detector of gaps between clock samples. It stores the last sample, and the planned time until the next one.
 #[derive(Clone, Copy, Debug)]
 pub struct StallDetector {
-    /// Gaps up to this length are not reported.
+    /// Longest gap that is not reported: the smaller of `max_age` and one second.
     shortest: Duration,
     last: Moment,
     meant: Duration,

@@ -43,10 +43,11 @@ impl fmt::Debug for TimeOfDay {
     }
 }
 
-/// Clock that counts from the time of day at its start.
+/// Clock that begins with the time of day at its start, and then counts elapsed time. Later changes of the computer's
+/// clock have no effect on it.
 #[derive(Debug)]
 pub(super) struct Wall {
-    /// Moment that corresponds to zero of the counter of elapsed time.
+    /// Moment at which the counter of elapsed time, `boot_clock`, was zero.
     beginning: Moment,
     boot_clock: BootClock,
     pub(super) time_of_day: TimeOfDay,

@@ -21,7 +21,7 @@ use tokio::time::{Instant, Sleep};
 
 use super::Clock;
 
-/// Timer for the timeout of one answer.
+/// Timer for the timeout of one answer from a device.
 #[derive(Debug)]
 pub struct WallTimeout {
     timer: Option<Pin<Box<Sleep>>>,

@@ -1,4 +1,5 @@
-//! Timer of tokio for one sleeper. Setting it again costs less than a new timer for each sleep.
+//! Timer of tokio for one sleeper. tokio stores its timers in wheels (lists of timers by deadline). One timer that is
+//! set again for each sleep costs less than a new timer for each sleep.
 
 #![allow(clippy::disallowed_types, reason = "this is where time comes from")]
 

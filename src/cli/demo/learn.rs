@@ -119,7 +119,7 @@ pub(super) fn run(machine: &str, seed: u64, json: bool) -> anyhow::Result<Vec<Da
     Ok(days)
 }
 
-/// Prints the errors of a day.
+/// Prints the errors of a day as one line of text.
 fn show(day: &Day) -> std::io::Result<()> {
     let Day { day, model, uncompensated_um, model_left_um, left_um } = day;
     let model = model.as_deref().unwrap_or("of the profile");

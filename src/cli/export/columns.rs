@@ -11,7 +11,7 @@ pub(super) const FIRST: [(&str, Kind); 2] = [("time", Kind::Moment), ("machine",
 /// Name and type of a column.
 pub(super) type Column = (String, Kind);
 
-/// Columns of all days, in the order in which they were added.
+/// Columns of the exported files of all days, in the order in which they were added. Each name occurs once.
 #[derive(Debug)]
 pub(super) struct Columns {
     all: Vec<Column>,
@@ -30,7 +30,8 @@ impl Columns {
         &self.all
     }
 
-    /// Adds a column of an exported file under its present name.
+    /// Adds a column of an earlier exported file, under the name that it has in that file. A name that is already in
+    /// the list is ignored.
     pub(super) fn add_exported(&mut self, name: &str, kind: Kind) {
         if !self.places.contains_key(name) {
             self.push(name.to_owned(), kind);
@@ -49,9 +50,9 @@ impl Columns {
         self.find(name, kind).ok()
     }
 
-    /// Finds the index of a log column in the exported table. If the column was not added yet, the error is a free name
-    /// for it. The free name differs from `name` if a signal has the name of one of the first columns. The free name
-    /// also differs if a column has another type on other days.
+    /// Returns the index of a log column in the exported table. If the column was not added yet, the error is a free
+    /// name for the column. The free name has a suffix if one of the first columns has the name `name`, or if a column
+    /// of another type has it.
     fn find(&self, name: &str, kind: Kind) -> Result<usize, String> {
         let ending = if kind == Kind::Number { "signal" } else { "axis" };
         let mut name = name.to_owned();

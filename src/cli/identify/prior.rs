@@ -1,4 +1,5 @@
-//! `--prior MODEL.toml`: reads the terms of an existing model, from a file of `--write` or from a profile.
+//! `--prior MODEL.toml`: reads the terms of an existing model, from a file that `--write` wrote or from a profile. A
+//! term is a signal with its gain, and optionally with a lag.
 
 use std::path::Path;
 
@@ -34,7 +35,7 @@ struct Term {
     power: Option<u8>,
 }
 
-/// Reads the terms of the first model of this axis that has terms.
+/// Reads the terms of the first model of this axis that has terms. A file without such a model is an error.
 pub(super) fn terms(path: &Path, axis: &str) -> anyhow::Result<Vec<PriorTerm>> {
     let shown = path.display();
     let text = std::fs::read_to_string(path).with_context(|| format!("{shown} cannot be read"))?;

@@ -196,7 +196,7 @@ pub(super) enum Target {
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct ControlTemplate {
     pub(super) outline: Outline,
-    /// Target to which Cz is written.
+    /// Name of the target to which Cz is written. A target is a value of the template that can receive Cz.
     pub(super) target: String,
     /// First register of the control, if its template does not fix it.
     pub(super) base: Option<u16>,

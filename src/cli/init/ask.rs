@@ -575,7 +575,8 @@ const OF_OFFSET: FormQuestions = FormQuestions {
     parse_scale: |text, _| Ok((value_form::scale(text)?, None)),
 };
 
-/// Target without known type, word order and scale, so that every question must be answered.
+/// Target for a register without a template. Its type, word order and scale are unknown, so the user must answer each
+/// question.
 const NOTHING_KNOWN: OutlineTarget =
     OutlineTarget { name: String::new(), data_type: None, word_order: None, scale: None };
 

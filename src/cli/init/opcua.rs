@@ -59,7 +59,7 @@ pub(super) fn is_node(text: &str) -> bool {
     text.contains('=')
 }
 
-/// Parses a node of the server.
+/// Parses the identifier of a node, for example `ns=2;s=Temps`. Without the feature `opcua`, every answer is an error.
 pub(super) fn node(text: &str) -> Result<NodeId, String> {
     if cfg!(feature = "opcua") { text.parse() } else { Err(NOT_BUILT_IN.to_owned()) }
 }

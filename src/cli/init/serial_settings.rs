@@ -42,8 +42,8 @@ impl SerialSettings {
     pub(super) const ASCII: SerialSettings =
         SerialSettings { baud: BAUDS[0], parity: Parity::Even, frames: Frames::Ascii { data_bits: 7 } };
 
-    /// Returns settings with this baud rate and parity, and with the frame format of `self`. A character of Modbus
-    /// ASCII with seven data bits has a parity bit, and one with eight has none.
+    /// Returns settings with this baud rate and parity, and with the frame format of `self`. With Modbus ASCII, the
+    /// settings have seven data bits if there is a parity bit, and eight without a parity bit.
     fn tried(self, baud: u32, parity: Parity) -> SerialSettings {
         let frames = match self.frames {
             Frames::Rtu => Frames::Rtu,

@@ -58,7 +58,7 @@ pub struct Hold {
     pub why: String,
 }
 
-/// Whether an axis is on hold after a log row.
+/// Whether an axis is on hold after a log row. On hold means that its Cz does not follow a model.
 #[derive(Debug)]
 pub(super) enum HoldChange {
     /// The axis made no decision at this log row, so the earlier result remains valid.

@@ -1,5 +1,5 @@
-//! Replay of a log of outputs: uses its recorded inputs again, and compares the resulting actions with those in the
-//! log.
+//! Replay of a log of outputs, in which the gateway records the inputs and the actions of each output. The replay uses
+//! the recorded inputs again, and compares the resulting actions with those in the log.
 
 use std::collections::BTreeMap;
 use std::fmt;
@@ -27,7 +27,7 @@ pub struct OutputsSummary {
     pub span_s: f64,
     /// Warnings about the log.
     pub warnings: Vec<String>,
-    /// Results of the comparison, by name of the output, set or heartbeat.
+    /// Results of the comparison, by name of the output, output set or heartbeat.
     pub outputs: BTreeMap<String, Reproduced>,
 }
 
@@ -36,8 +36,8 @@ pub(super) fn is_of_outputs(first: &[u8]) -> bool {
     first.starts_with(HEADER.trim_end().as_bytes())
 }
 
-/// Replays the log of outputs that belongs to this log of decisions. Returns `None` if this log of outputs does not
-/// exist.
+/// Replays the log of outputs that belongs to `log`, a log of decisions in the same directory. Returns `None` if there
+/// is no such log of outputs.
 pub(super) fn beside(log: &Path) -> anyhow::Result<Option<OutputsSummary>> {
     let Some(stem) = log.to_str().and_then(|name| name.strip_suffix(".csv")) else { return Ok(None) };
     let name = format!("{stem}{ENDING}");

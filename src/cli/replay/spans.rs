@@ -97,7 +97,7 @@ impl SpanTally {
     }
 }
 
-/// Time spans of one kind.
+/// Time spans of one kind, for example holds: those that are stored, and those that have not ended yet.
 #[derive(Debug)]
 struct SpanList<T> {
     kept: Vec<Span<T>>,

@@ -32,7 +32,7 @@ pub struct Summary {
     pub outputs: Option<OutputsSummary>,
 }
 
-/// Results for one axis.
+/// Results for one axis: its Cz, states, time spans and errors, and the comparison with the log.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct AxisSummary {
     /// Range of Cz that the models requested, µm; `None` if no model could be used in any log row.
