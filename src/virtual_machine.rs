@@ -159,7 +159,7 @@ pub enum VirtualMachineError {
         /// Reason why the bus cannot be simulated.
         why: String,
     },
-    /// A task of the virtual machine has failed.
+    /// A task of the virtual machine has failed, for the reason in the text.
     #[error("the virtual machine has failed: {0}")]
     Failed(String),
 }

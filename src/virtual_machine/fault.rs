@@ -33,7 +33,7 @@ pub struct FaultScript {
     faults: Vec<Fault>,
 }
 
-/// One fault of one device.
+/// One fault of one device: its kind, its start and its end.
 #[derive(Clone, Debug, PartialEq)]
 struct Fault {
     device: DeviceId,
@@ -57,7 +57,7 @@ pub(crate) enum Kind {
     Reply(ReplyFault),
     /// A signal has wrong values.
     Signal { signal: SignalId, reads: Reads },
-    /// The listener of the device is closed.
+    /// The listener of the device is closed, so that clients cannot connect.
     Refuse,
     /// Another client writes these values to the device, from this register on.
     Register { address: Register, words: Vec<u16> },
@@ -90,7 +90,7 @@ pub(crate) enum AcknowledgeFault {
     NextNumber,
 }
 
-/// Value that a broken signal shows.
+/// Value that a broken signal shows: a raw register value, not-a-number, or a value in the unit of the signal.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Reads {
     Raw(i64),
@@ -144,7 +144,7 @@ pub(crate) enum CanFault {
     Refusal(u32),
     /// The device's SDO answers name another index than the request.
     WrongIndex,
-    /// The device sends frames with this identifier periodically, which no profile requires.
+    /// The device sends additional frames with random data and this identifier periodically.
     Babbling { id: CanId, every: Duration },
     /// The device sends an emergency message with this code, and later reports the end of the error.
     Emergency(u16),

@@ -35,11 +35,11 @@ pub(super) struct Hardware {
     units: Vec<Unit>,
     /// For each device: position of its unit in `units`.
     unit_of: Vec<usize>,
-    /// For each signal that indicates a fault of another signal: its value while there is no fault. `None` for other
-    /// signals.
+    /// For each signal: its value without a fault, if the signal indicates a fault of another signal. `None` for all
+    /// other signals.
     well: Vec<Option<f64>>,
-    /// For each output that writes a position plus Cz: amount by which the written position differs from the measured
-    /// one, µm.
+    /// For each output that writes a position plus Cz: written position minus measured position, µm. Zero for all other
+    /// outputs.
     corrections: Vec<f64>,
     /// For each axis: offset that an external control applies, µm; `None` if there is no external control.
     elsewhere: Vec<Option<f64>>,
@@ -176,7 +176,7 @@ impl Hardware {
         if self.profile.axis(axis).diameter { 0.5 * written } else { written }
     }
 
-    /// Executes one Modbus request to a device.
+    /// Executes one Modbus request to a device, after an update of its measurements. Returns the answer and its fault.
     pub(super) fn serve(&mut self, device: DeviceId, pdu: &[u8], now: Moment) -> Reply {
         let place = self.unit_of[device.0];
         let device = self.units[place].device;
@@ -288,8 +288,8 @@ impl Hardware {
         }
     }
 
-    /// Updates the correction of each corrected output that was written: the written position minus the position that
-    /// the scale showed last.
+    /// Updates the correction of each output that was written, if it writes a position plus Cz. The correction is the
+    /// written position minus the position that the scale showed last.
     fn note_corrections(&mut self, place: usize, address: &Address, count: u16) {
         for (index, output) in self.profile.outputs.iter().enumerate() {
             let Writes::Corrected { position } = output.writes else { continue };
@@ -343,7 +343,7 @@ impl Hardware {
         }
     }
 
-    /// Returns the content of `count` cells (registers or bits) of a device; `None` if one does not exist.
+    /// Returns the content of `count` cells (registers or bits) of a device; `None` if one of the cells does not exist.
     #[cfg(test)]
     pub(super) fn cell(&self, device: DeviceId, address: &Address, count: u16) -> Option<&[u16]> {
         self.units[self.unit_of[device.0]].bank.read(address, count)

@@ -18,7 +18,7 @@ const ILLEGAL_VALUE: u8 = 3;
 /// Exception code of a Modbus gateway for a unit that does not exist.
 pub(super) const NO_SUCH_UNIT: u8 = 0x0b;
 
-/// Frame format around a protocol data unit.
+/// Frame format of Modbus: the bytes before and after a protocol data unit (request or answer without its frame).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Framing {
     /// Modbus TCP: a header with transaction number, length and unit number.
@@ -34,7 +34,7 @@ pub(super) struct Header {
     pub(super) unit: u8,
 }
 
-/// Error for data that is not Modbus TCP. After it the start of the next frame cannot be found.
+/// Error for data that is not Modbus TCP. The start of the next frame in these data cannot be found.
 #[derive(Debug, PartialEq, Eq)]
 pub(super) struct NoModbus;
 
@@ -90,7 +90,7 @@ fn rtu_request(bytes: &[u8]) -> Option<(Header, Range<usize>)> {
     is_right.then_some((Header { transaction: 0, unit: bytes[0] }, 1..end))
 }
 
-/// Valid Modbus request.
+/// Decoded request that reads or writes registers or bits, with a valid function and count.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) struct Request {
     pub(super) function: u8,

@@ -30,7 +30,7 @@ use spec::SensorSpec;
 use structure::{Point, Structure, dot};
 use time::seconds;
 
-/// Simulated machine that warms up.
+/// Simulated machine that warms up, with its sensors and the true error of its axes.
 #[derive(Clone, Debug)]
 pub struct Plant {
     spec: PlantSpec,
@@ -55,12 +55,12 @@ pub struct Plant {
     around: Vec<f64>,
 }
 
-/// Temperatures of all nodes, and the state of the structure.
+/// Temperatures of the air and of all nodes of the thermal network, °C, and the state of the structure.
 #[derive(Clone, Debug, Default)]
 struct Temperatures {
     nodes: Vec<f64>,
     air: f64,
-    /// Amplitude of each thermal mode of the structure.
+    /// Amplitude of each thermal mode (temperature pattern) of the structure; empty without a structure.
     modes: Vec<f64>,
 }
 

@@ -11,7 +11,8 @@ use isotherm_profile::{ProbeInput, Profile, Signal};
 
 /// Time for which a trigger flag stays set after a probing cycle.
 const FLAG: Duration = Duration::from_secs(30);
-/// Largest value of a trigger counter. It fits every data type of a signal. The next value is one.
+/// Largest value of a trigger counter, which fits every data type of a signal. After this value, the counter continues
+/// with one.
 const MOST: u32 = 30_000;
 
 /// Probing cycle of one axis: its interval, its signals and its last result.

@@ -39,7 +39,7 @@ impl Name {
         Some(Name { path: path.to_owned(), directory: None })
     }
 
-    /// Creates a unique path in a new directory.
+    /// Creates a unique path for the port, in a new directory for temporary files.
     pub(super) fn free(bus: &str) -> io::Result<Name> {
         static COUNT: AtomicU64 = AtomicU64::new(0);
         let count = COUNT.fetch_add(1, Ordering::Relaxed);
@@ -87,7 +87,7 @@ impl VirtualPort {
         Ok(port)
     }
 
-    /// Removes the port, or creates it again.
+    /// Creates the port if `is_present` is true, otherwise removes it.
     pub(super) fn set_present(&mut self, is_present: bool) -> io::Result<()> {
         if !is_present {
             self.name.is_nowhere();

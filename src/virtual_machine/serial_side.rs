@@ -33,7 +33,7 @@ struct Late {
     unit: u8,
     pdu: Vec<u8>,
     asked: Silence,
-    /// Time from `asked` until the answer arrives.
+    /// Time from the request, `asked`, until the answer arrives at the Modbus gateway.
     delay: Duration,
 }
 

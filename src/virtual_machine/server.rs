@@ -30,7 +30,7 @@ pub(super) struct Shared {
     pub(super) clock: Clock,
 }
 
-/// One line with its units, which a listener serves.
+/// One bus line with its Modbus units, which one listener serves.
 #[derive(Debug)]
 pub(super) struct Line {
     pub(super) units: Vec<(u8, DeviceId)>,
@@ -273,7 +273,7 @@ impl Line {
     }
 }
 
-/// Sender of the answers on one connection, with their faults.
+/// Sender of the answers on one connection. It changes or suppresses an answer as the fault of the answer requires.
 #[derive(Debug)]
 pub(super) struct Responder {
     framing: Framing,

@@ -1,4 +1,4 @@
-//! Virtual devices that send lines of text: readouts, gauges, and DCON modules.
+//! Virtual devices that send lines of text: readouts, gauges, and DCON modules (input modules with an ASCII protocol).
 //!
 //! The hardware of the virtual machine has registers. Each value of a text is therefore stored in registers, at an
 //! address that `group` assigns. Plant, faults and counters of requests then apply to the value as to any other. The

@@ -26,7 +26,7 @@ pub struct TruthRow {
     pub axes: Vec<AxisTruth>,
 }
 
-/// Smallest and largest value during a run, µm.
+/// Smallest and largest value of an error during a run, µm.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Extent {
     /// Smallest value.
@@ -76,7 +76,7 @@ impl Extent {
     }
 }
 
-/// Collector of the samples for a summary.
+/// Collector of the true errors during a run: for the summary, and as rows for the charts.
 #[derive(Clone, Debug)]
 pub(super) struct Observer {
     begin: Moment,
@@ -88,7 +88,7 @@ pub(super) struct Observer {
 
 /// Interval of the true errors in `course`.
 const ROW_EVERY: Duration = Duration::from_secs(10);
-/// Number of entries in `course` at which no more are added, so that memory stays limited if no program reads them.
+/// Maximum number of rows in `course`, so that memory stays limited if no program reads the rows.
 const LONGEST_COURSE: usize = 10_000;
 
 impl Observer {

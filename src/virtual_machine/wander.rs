@@ -8,7 +8,7 @@ use rand_distr::{Distribution, StandardNormal};
 use super::random::stream;
 use isotherm_profile::Signal;
 
-/// Returns the value of a signal at a time in seconds since the start of the run.
+/// Returns a plausible value of a signal, in the unit of the signal. `seconds` is the time since the start of the run.
 pub(super) fn wander(signal: &Signal, seed: u64, seconds: f64) -> f64 {
     let phase: f64 = stream(seed, &signal.name).random_range(0.0..TAU);
     let wave = |period: f64| (TAU * seconds / period + phase).sin();

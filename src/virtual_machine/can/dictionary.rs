@@ -1,4 +1,5 @@
-//! Objects of a virtual CANopen node, and its SDO server: expedited and segmented transfers in both directions.
+//! Objects of a virtual CANopen node, and its SDO server, by which a client reads and writes these objects. The server
+//! supports expedited transfers (at most four bytes in one frame) and segmented transfers.
 
 use std::collections::BTreeMap;
 
@@ -25,7 +26,7 @@ pub(crate) struct Dictionary {
 pub(crate) struct SdoReply {
     /// Data of the answer to the client; `None` if the request gets no answer.
     pub(crate) answer: Option<[u8; 8]>,
-    /// Object that the request has written; `None` if it wrote none.
+    /// Object that the request has written; `None` for a read, a rejected write, or a write that is not complete yet.
     pub(crate) written: Option<Entry>,
 }
 
@@ -50,7 +51,7 @@ enum TransferState {
     In(usize),
 }
 
-/// Object that the abort message names if a segment belongs to no transfer.
+/// Object with index and sub-index 0, which the abort message names if a segment belongs to no transfer.
 pub(crate) const NONE: Entry = Entry::new(0, 0);
 
 impl Dictionary {
@@ -243,7 +244,7 @@ fn message(command: u8, at: Entry, rest: [u8; 4]) -> [u8; 8] {
     [command, low, high, at.sub, a, b, c, d]
 }
 
-/// Returns how many of `places` bytes are unused if `taken` bytes are used.
+/// Returns the number of unused bytes, if `taken` of `places` bytes are used.
 fn spare(places: usize, taken: usize) -> u8 {
     u8::try_from(places - taken).unwrap_or_default()
 }

@@ -11,7 +11,7 @@ use isotherm_profile::{DeviceId, Profile, Verify};
 pub(crate) struct Image {
     id: CanId,
     length: usize,
-    /// Bits of each selector, and the value in them that identifies this frame.
+    /// Bits of each selector (multiplexer field), and the value of the selector in this frame.
     selected: Vec<(BitField, u64)>,
     parts: Vec<(Address, BitField)>,
 }
@@ -77,7 +77,7 @@ pub(crate) fn sent(profile: &Profile, id: DeviceId) -> Vec<Group> {
     sent
 }
 
-/// Returns the values that a device receives in the frames of outputs.
+/// Returns the values that outputs write to this device in CAN frames.
 pub(crate) fn taken(profile: &Profile, id: DeviceId) -> Vec<ReceivedValue> {
     let outputs = profile.outputs.iter().filter(|output| output.device == id);
     let taken = outputs.filter_map(|output| {

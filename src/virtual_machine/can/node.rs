@@ -1,4 +1,6 @@
-//! Virtual device on a CAN line: a CANopen node with its states, or a device that only sends.
+//! Virtual device on a CAN line: a CANopen node with its states, or a device that only sends. Of the CANopen services,
+//! NMT changes the state of a node, and SDO reads and writes single objects. PDO frames contain measured values, and a
+//! SYNC message triggers PDOs.
 
 use std::time::Duration;
 
@@ -7,7 +9,8 @@ use isotherm_core::quantity::Moment;
 
 use super::dictionary::{Dictionary, SdoReply, Server};
 
-/// Identifiers of CANopen services. For all services but NMT and SYNC, the number of the node is added.
+/// Identifiers of CANopen services, to which the number of the node is added, except for NMT. `SYNC` is not an
+/// identifier, but the object that contains the identifier of the SYNC message.
 const NMT: u16 = 0x000;
 const SYNC: Entry = Entry::new(0x1005, 0);
 const EMERGENCY: u16 = 0x080;
@@ -15,11 +18,12 @@ const SDO_ANSWER: u16 = 0x580;
 const SDO_REQUEST: u16 = 0x600;
 const HEARTBEAT: u16 = 0x700;
 
-/// Object with the heartbeat producer time, ms.
+/// Object with the interval at which the node sends its heartbeat, ms.
 pub(crate) const HEARTBEAT_TIME: Entry = Entry::new(0x1017, 0);
 /// Object with the error register: one bit for each kind of active error.
 pub(crate) const ERROR_REGISTER: Entry = Entry::new(0x1001, 0);
-/// Object with the cycle time of an encoder, ms. It is another name of the event timer of its first PDO.
+/// Object with the cycle time of an encoder, ms. A write to this object also sets the event timer of the first PDO, and
+/// vice versa.
 pub(crate) const CYCLE: Entry = Entry::new(0x6200, 0);
 
 /// Returns the objects with the communication parameters of a PDO: identifier, transmission type, and event timer in
@@ -29,7 +33,7 @@ pub(crate) const fn communication(pdo: u16) -> [Entry; 3] {
     [Entry::new(index, 1), Entry::new(index, 2), Entry::new(index, 5)]
 }
 
-/// Range of the objects of the communication profile, which a communication reset restores.
+/// Range of the objects of the communication profile. A communication reset sets them to their values at power-on.
 const COMMUNICATION: std::ops::Range<u16> = 0x1000..0x2000;
 
 /// Returns whether the node itself determines the value of an object, so that the value is not a measurement.
@@ -39,7 +43,7 @@ pub(crate) fn is_own(at: Entry) -> bool {
 
 #[derive(Clone, Debug)]
 pub(crate) struct Node {
-    /// Node number; `None` for a device that only sends.
+    /// Node number; `None` for a device that only sends and is not a CANopen node.
     number: Option<u8>,
     /// Whether the node becomes operational by itself, without a command of a master.
     starts_itself: bool,
@@ -90,7 +94,7 @@ impl Pdo {
         Pdo { id, number, every, due: None, syncs: 0 }
     }
 
-    /// Returns the period of the PDO; `None` if it is not sent by a timer.
+    /// Returns the period of the PDO; `None` if no timer sends this PDO.
     fn period(&self, objects: &Dictionary) -> Option<Duration> {
         let Some(number) = self.number else { return Some(self.every) };
         let [_, kind, timer] = communication(number);
@@ -98,14 +102,15 @@ impl Pdo {
         milliseconds(objects, timer).filter(|_| is_by_clock && self.is_valid(objects))
     }
 
-    /// Returns after how many SYNC messages the PDO is sent; `None` if it is not sent with SYNC.
+    /// Returns the number of SYNC messages after which the PDO is sent; `None` if SYNC messages do not trigger this
+    /// PDO.
     fn every_sync(&self, objects: &Dictionary) -> Option<u8> {
         let kind = objects.number(communication(self.number?)[1])?;
         u8::try_from(kind).ok().filter(|kind| *kind <= 240 && self.is_valid(objects))
     }
 
-    /// Returns whether the objects of the node enable this PDO with the identifier in the profile. A PDO without such
-    /// objects is always enabled.
+    /// Returns whether the objects of the node enable this PDO with the identifier in the profile. A PDO without
+    /// parameter objects is always enabled.
     fn is_valid(&self, objects: &Dictionary) -> bool {
         let Some(number) = self.number else { return true };
         let wanted = u64::from(self.id.raw()) | if self.id.is_extended() { 1 << 29 } else { 0 };
@@ -135,14 +140,14 @@ impl Node {
         }
     }
 
-    /// Switches the power of the node on.
+    /// Switches the power of the node on. All objects get their values at power-on.
     pub(crate) fn boot(&mut self, now: Moment) {
         self.acts.clear();
         self.objects = self.at_power_on.clone();
         self.begin(now);
     }
 
-    /// Returns the time of the next action that needs no request; `None` if there is none.
+    /// Returns the time of the next heartbeat, or of the next PDO that a timer sends; `None` if neither is planned.
     pub(crate) fn due(&self) -> Option<Moment> {
         let heartbeat = self.heartbeat.filter(|_| milliseconds(&self.objects, HEARTBEAT_TIME).is_some());
         let by_clock = self.pdos.iter().filter(|pdo| pdo.period(&self.objects).is_some());
@@ -150,7 +155,7 @@ impl Node {
         pdos.filter(|_| self.state == State::Operational).chain(heartbeat).min()
     }
 
-    /// Collects the actions that are due at `now`.
+    /// Sends the heartbeat and the PDOs that are due at `now`, by adding them to the actions `acts`.
     pub(crate) fn tick(&mut self, now: Moment) {
         if let (Some(due), Some(period)) = (self.heartbeat, milliseconds(&self.objects, HEARTBEAT_TIME))
             && due <= now
@@ -207,13 +212,15 @@ impl Node {
         request == Some(frame.id()) && self.state != State::Stopped
     }
 
-    /// Reverts the last write to an object: restores `objects`, and the timers that depend on the object.
+    /// Reverts the last write to an object. `objects` are the objects before this write. The timers that depend on the
+    /// object are set again.
     pub(crate) fn undo(&mut self, at: Entry, objects: Dictionary, now: Moment) {
         self.objects = objects;
         self.has_changed(at, now);
     }
 
-    /// Returns whether the node is in a state in which it accepts process data.
+    /// Returns whether the node accepts process data (frames with output values), that is, whether its state is
+    /// operational.
     pub(crate) const fn takes_process_data(&self) -> bool {
         matches!(self.state, State::Operational)
     }

@@ -17,8 +17,8 @@ use isotherm_profile::{CanDevice, DeviceId, Profile};
 /// types with this meaning; this is the first.
 const BY_CLOCK: u8 = 254;
 
-/// Returns the node of a device with its objects; `None` for a device on another line. Objects with initial values of
-/// their own are also stored in `bank`.
+/// Returns the node of a device with its objects; `None` for a device that is not on a CAN line. Objects with initial
+/// values of their own are also stored in `bank`.
 pub(crate) fn node(profile: &Profile, id: DeviceId, bank: &mut Bank) -> Option<Node> {
     let device = profile.device(id);
     let can = device.can.as_ref()?;
@@ -102,7 +102,7 @@ pub(crate) const fn named(address: &Address) -> Option<Entry> {
 }
 
 /// Returns the number of the PDO with this identifier: from the setup list, or from the predefined connection set of
-/// CiA 301. Returns `None` if there is none.
+/// CiA 301. Returns `None` if no PDO has this identifier.
 fn number_of(id: CanId, node: u8, can: &CanDevice) -> Option<u16> {
     let is_set_up = |pdo: &u16| {
         let mut of_pdo = can.setup.iter().filter(|setup| setup.object.entry == communication(*pdo)[0]);
@@ -111,7 +111,7 @@ fn number_of(id: CanId, node: u8, can: &CanDevice) -> Option<u16> {
     (0..512).find(is_set_up).or_else(|| (0..4).find(|pdo| usual(*pdo, node) == id))
 }
 
-/// Returns the default identifier of a PDO. PDOs after the first four have none, and get 0.
+/// Returns the default identifier of a PDO. PDOs after the first four have no default identifier, and get 0.
 fn usual(pdo: u16, node: u8) -> CanId {
     CanId::of_11_bits(if pdo < 4 { 0x180 + 0x100 * pdo + u16::from(node) } else { 0 })
 }

@@ -1,4 +1,4 @@
-//! State of a fault script during a run.
+//! State of a fault script during a run: which faults are active, and the number of faulty replies of each fault.
 
 use super::{
     AcknowledgeFault, BusError, CanFault, Fault, FaultDuration, FaultScript, Kind, Reads, ReplyFault,
@@ -41,14 +41,15 @@ impl Faults {
         Faults { begin, running: script.faults.into_iter().map(fresh).collect() }
     }
 
-    /// Replaces each device by the result of `name`: the first device of the same hardware unit.
+    /// Replaces the device of each fault by the result of `name`: the first device of the same hardware unit.
     pub(crate) fn rename(&mut self, name: impl Fn(DeviceId) -> DeviceId) {
         for running in &mut self.running {
             running.fault.device = name(running.fault.device);
         }
     }
 
-    /// Begins the faults that are due by time and by number of requests. Returns the faults that happen only once.
+    /// Begins the faults that are due by time and by number of requests. Returns those new faults that happen only
+    /// once: a write by another client, or a restart.
     pub(crate) fn advance(
         &mut self,
         now: Moment,
@@ -67,7 +68,8 @@ impl Faults {
         incidents
     }
 
-    /// Returns the fault of the answer to this request, and counts it; `None` if there is none.
+    /// Returns the active fault of the answer to this request; `None` if no such fault is active. If a fault is
+    /// returned, counts a faulty reply.
     pub(crate) fn reply(&mut self, device: DeviceId, is_write: bool, now: Moment) -> Option<ReplyFault> {
         self.strikes(device, now, |kind| match kind {
             Kind::Reply(ReplyFault::ShortRead | ReplyFault::LongRead) if is_write => None,
@@ -77,8 +79,8 @@ impl Faults {
         })
     }
 
-    /// Returns the active fault for an SDO request or for a frame with written values, and counts it; `None` if there
-    /// is none.
+    /// Returns the active fault of an SDO request or of a frame with written values; `None` if no such fault is active.
+    /// If a fault is returned, counts a faulty reply.
     pub(crate) fn sdo(&mut self, device: DeviceId, is_write: bool, now: Moment) -> Option<Kind> {
         self.strikes(device, now, |kind| match kind {
             Kind::Reply(ReplyFault::IgnoredWrite) if !is_write => None,
@@ -88,13 +90,13 @@ impl Faults {
         })
     }
 
-    /// Returns whether a fault prevents a CAN device from sending or receiving a frame, and counts the fault.
+    /// Returns whether a fault prevents a CAN device from sending or receiving a frame. If so, counts a faulty reply.
     pub(crate) fn silences(&mut self, device: DeviceId, now: Moment) -> bool {
         self.strikes(device, now, |kind| (*kind == Kind::Reply(ReplyFault::Silent)).then_some(())).is_some()
     }
 
-    /// Returns the active fault for a frame with measured values (random bytes, or too short), and counts it; `None` if
-    /// there is none.
+    /// Returns the active fault of a frame with measured values (random bytes, or too short); `None` if no such fault
+    /// is active. If a fault is returned, counts a faulty reply.
     pub(crate) fn spoils(&mut self, device: DeviceId, now: Moment) -> Option<Kind> {
         self.strikes(device, now, |kind| match kind {
             Kind::Reply(ReplyFault::Garbage) | Kind::Can(CanFault::ShortFrame) => Some(kind.clone()),
@@ -102,8 +104,8 @@ impl Faults {
         })
     }
 
-    /// Applies `what` to the faults of the device, until an active fault gives a result. Counts a reply with this
-    /// fault, and returns the result.
+    /// Returns the result of `what` for the first active fault of the device for which `what` has a result. Counts a
+    /// faulty reply for this fault.
     fn strikes<T>(&mut self, device: DeviceId, now: Moment, what: impl Fn(&Kind) -> Option<T>) -> Option<T> {
         self.running.iter_mut().filter(|running| running.fault.device == device).find_map(|running| {
             let found = what(&running.fault.kind).filter(|_| running.is_active(now))?;
@@ -143,12 +145,13 @@ impl Faults {
         })
     }
 
-    /// Counts an answer of the device for each broken signal of the device.
+    /// Counts one faulty reply for each active fault of a signal of the device.
     pub(crate) fn count_signals(&mut self, device: DeviceId, now: Moment) {
         self.count_shown(device, now, |_| true);
     }
 
-    /// Counts an answer of the device for each broken signal that the answer contains.
+    /// Counts one faulty reply for each active fault of a signal that the answer contains. `is_shown` returns whether
+    /// the answer contains a signal.
     pub(crate) fn count_shown(&mut self, device: DeviceId, now: Moment, is_shown: impl Fn(SignalId) -> bool) {
         for running in self.running.iter_mut().filter(|running| running.fault.device == device) {
             let is_counted = match running.fault.kind {

@@ -21,9 +21,9 @@ pub struct FaultError(String);
 #[derive(Clone, Copy, PartialEq)]
 enum Lines {
     Any,
-    /// Lines of Modbus or text.
+    /// Lines with Modbus devices, or with devices that send text.
     Modbus,
-    /// Lines of Modbus or text, and OPC UA servers.
+    /// All lines except CAN lines: Modbus, devices that send text, and OPC UA servers.
     Connected,
     Can,
     /// OPC UA servers.
@@ -51,7 +51,7 @@ impl Lines {
     }
 }
 
-/// Function that makes a fault from the keys that belong to its kind.
+/// Function that creates a fault of one kind, from the keys of this kind in the script.
 type Make = fn(&mut FaultFile, &Profile) -> Result<Kind, String>;
 
 /// All kinds of faults: name in a script, possible lines, and function that makes the fault.

@@ -21,7 +21,7 @@ use isotherm_profile::{DeviceId, Profile};
 #[derive(Debug)]
 pub(crate) struct CanUnit {
     pub(super) node: Node,
-    /// For each PDO of the node: the frames that it consists of.
+    /// Frames of each PDO (frame with measured values) of the node. A multiplexed PDO has several frames.
     sent: Vec<Vec<Image>>,
     taken: Vec<ReceivedValue>,
     /// Objects that the profile reads or writes.
@@ -46,7 +46,7 @@ impl CanUnit {
         Some(CanUnit { node, sent, taken, objects })
     }
 
-    /// Returns the objects that the profile uses and `which` selects, with their stored values.
+    /// Returns those objects of the profile that `which` selects, each with its current value.
     fn standing(&self, which: impl Fn(Entry) -> bool) -> Vec<(Address, Encoded)> {
         let objects = self.objects.iter().filter(|object| which(object.entry));
         let current = |object: &Object| object.registers(self.node.objects.get(object.entry)?);
@@ -87,7 +87,7 @@ impl Hardware {
         due.min()
     }
 
-    /// Returns the positions of the units of these devices.
+    /// Returns the index of the unit of each of these devices in the list of units.
     pub(crate) fn places(&self, devices: impl Iterator<Item = DeviceId>) -> Vec<usize> {
         devices.map(|device| self.unit_of[device.0]).collect()
     }
@@ -202,7 +202,8 @@ impl Hardware {
         }
     }
 
-    /// Processes a frame in which outputs write values.
+    /// Stores the values that outputs write to a unit in this frame. If the frame is too short, the node reports an
+    /// error.
     fn take_process_data(&mut self, place: usize, frame: &Frame, now: Moment) {
         let device = self.units[place].device;
         let Some(can) = &self.units[place].can else { return };

@@ -10,8 +10,8 @@ use isotherm_profile::{Profile, Signal};
 const USUAL: i8 = -1;
 const LARGEST: i8 = 9;
 
-/// Returns the power of ten that the scale register of this signal contains at power-on. With it, the values of all
-/// signals with this scale register fit their types.
+/// Returns the power of ten that the scale register of this signal contains at power-on. With this power, the values of
+/// all signals with this scale register fit their data types.
 pub(super) fn at_power_on(profile: &Profile, signal: &Signal) -> i8 {
     let place =
         |signal: &Signal| signal.scale_from.as_ref().map(|from| (from.address, from.encoding.data_type));
@@ -19,7 +19,7 @@ pub(super) fn at_power_on(profile: &Profile, signal: &Signal) -> i8 {
     profile.signals.iter().filter(shares).map(needed).max().unwrap_or(USUAL)
 }
 
-/// Returns the smallest power of ten with which the range of a signal fits its type.
+/// Returns the smallest power of ten with which the range of a signal fits its data type.
 fn needed(signal: &Signal) -> i8 {
     let (low, high) = signal.range.unwrap_or_default();
     let fits = |exponent: &i8| {
@@ -29,7 +29,7 @@ fn needed(signal: &Signal) -> i8 {
     (USUAL..=LARGEST).find(fits).unwrap_or(USUAL)
 }
 
-/// Returns the encoding of a value with the scale that the unit has now.
+/// Returns the encoding of a signal, with the power of ten that its scale register contains now.
 pub(super) fn encoding<'s>(signal: &'s Signal, bank: &Bank) -> Cow<'s, Encoding> {
     let Some(from) = &signal.scale_from else { return Cow::Borrowed(&signal.encoding) };
     let words = bank.read(&Address::Modbus(from.address), from.encoding.data_type.registers());

@@ -19,7 +19,7 @@ pub(super) struct Unit {
     pub(super) bank: Bank,
     pub(super) at_power_on: Bank,
     pub(super) requests: u64,
-    /// Addresses at which the unit shows how often it was started, with their encodings. `boots` is that number.
+    /// Addresses and encodings of the registers in which the unit shows its number of starts, `boots`.
     pub(super) counters: Vec<(Address, Encoding)>,
     pub(super) boots: u16,
     /// CAN part of the unit; `None` for a unit on another line.
@@ -143,7 +143,7 @@ pub(super) fn units(profile: &Profile) -> (Vec<Unit>, Vec<usize>) {
     (units, unit_of)
 }
 
-/// Returns, for each signal that indicates a fault of another signal, its value while there is no fault. `None` for
+/// Returns for each signal its value without a fault, if the signal indicates a fault of another signal. `None` for all
 /// other signals.
 pub(super) fn well(profile: &Profile) -> Vec<Option<f64>> {
     let mut well = vec![None; profile.signals.len()];

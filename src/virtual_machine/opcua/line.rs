@@ -31,7 +31,7 @@ pub(super) enum Cut {
     Garbage,
 }
 
-/// Nodes of a server, with the hardware behind them.
+/// Nodes of a server, and the virtual hardware that contains their values.
 pub(in crate::virtual_machine) struct NodeLine {
     pub(super) server: ServerNodes,
     hardware: Arc<Mutex<Hardware>>,

@@ -97,7 +97,8 @@ impl Nodes {
     }
 }
 
-/// Returns the index range of an array value that a client requests. A value with a bad status is returned unchanged.
+/// Returns those elements of an array value that a client requests by an index range. A value with a bad status is
+/// returned unchanged.
 pub(super) fn part(mut value: DataValue, range: &NumericRange) -> DataValue {
     let is_good = value.status.is_none_or(|status| status.is_good());
     let Some(whole) = value.value.as_ref().filter(|_| is_good && *range != NumericRange::None) else {

@@ -5,11 +5,11 @@ use std::collections::HashMap;
 use isotherm_core::codec::{Address, DataType, Identifier, Namespace, Node, NodeId};
 use isotherm_profile::{Bit, DeviceId, Profile};
 
-/// URI of the server. Its namespace has index 1, as on every server.
+/// Application URI of the server. It is also the URI of namespace 1, as on every OPC UA server.
 pub(super) const APPLICATION: &str = "urn:isotherm:virtual";
-/// Largest number of namespaces that a server has.
+/// Largest namespace index that a profile may use at a virtual server.
 const MOST_NAMESPACES: u16 = 200;
-/// Largest number of elements that an array has.
+/// Largest number of elements of an array at a virtual server.
 const MOST_ELEMENTS: usize = 10_000;
 
 /// Access rights of clients to a node: only read, or also write.
@@ -19,7 +19,7 @@ pub(super) enum Access {
     Write,
 }
 
-/// Node of a virtual OPC UA server.
+/// Node of a virtual OPC UA server: its identifier, the access rights of clients, and the values that the profile uses.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct ServerNode {
     pub(super) id: NodeId,
@@ -42,7 +42,7 @@ impl ServerNode {
         self.parts.first().map_or(DataType::F64, Node::taken_as)
     }
 
-    /// Returns the name of the node for display.
+    /// Returns the name of the node for display: its text identifier, otherwise the complete node identifier.
     pub(super) fn name(&self) -> String {
         match &self.id.identifier {
             Identifier::Text(text) => text.clone(),

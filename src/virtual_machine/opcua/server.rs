@@ -19,7 +19,7 @@ const PIECE: usize = 16 * 1024;
 /// Interval of the checks whether a silent device answers again.
 const SILENT: Duration = Duration::from_millis(20);
 
-/// Virtual OPC UA server of one bus.
+/// Virtual OPC UA server of one bus. It passes the bytes of its clients to a server of the OPC UA library.
 pub(in crate::virtual_machine) struct NodeServer {
     line: Arc<NodeLine>,
     library: Arc<Mutex<Library>>,

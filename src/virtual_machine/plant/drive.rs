@@ -8,7 +8,7 @@ use super::time::STEP;
 use crate::virtual_machine::random::stream;
 use std::f64::consts::TAU;
 
-/// Air temperature over one simulated day.
+/// Air temperature of a run: mean, daily curve, drift, and slow waves of the weather.
 #[derive(Clone, Debug)]
 pub(super) struct Ambient {
     mean: f64,
@@ -58,14 +58,14 @@ impl Ambient {
     }
 }
 
-/// Operation of the machine: switched off, working or pausing, step by step.
+/// Operation of the machine as a sequence of phases: switched off, then working and pausing in turn.
 #[derive(Clone, Debug)]
 pub(super) struct Duty {
     spec: DutySpec,
     random: Pcg32,
     phase: Phase,
-    /// Load of the current work phase, as a factor of the power. The load has its own random numbers, so that a change
-    /// of the load does not change the phases.
+    /// Load of the current work phase: factor for the power of sources that depend on work. The load has its own random
+    /// numbers, so that a change of the load does not change the phases.
     load: f64,
     loads: Pcg32,
     /// Step at which the current phase ends.

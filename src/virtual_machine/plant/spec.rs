@@ -134,9 +134,9 @@ pub(super) struct SensorSpec {
     pub(super) feels: Vec<(Point, f64)>,
     /// Time constant of the sensor's lag, s; zero: no lag.
     pub(super) lag: f64,
-    /// Resolution of the sensor; zero: no rounding.
+    /// Resolution of the sensor, in the unit of its signal; zero: no rounding.
     pub(super) resolution: f64,
-    /// Standard deviation of the sensor's noise.
+    /// Standard deviation of the sensor's noise, in the unit of its signal.
     pub(super) noise: f64,
 }
 
@@ -183,7 +183,7 @@ pub(super) struct Stretch {
     /// Start of the part along the travel, mm; `to` is its end.
     pub(super) from: f64,
     pub(super) to: f64,
-    /// Gains in µm per mm of length and K, each with its point.
+    /// Gains in µm per mm of length and K, each with the point whose temperature rise it multiplies.
     pub(super) gains: Vec<(Point, f64)>,
 }
 
@@ -205,9 +205,9 @@ pub struct Published {
 pub struct PublishedAxis {
     /// Name of the axis in the profile.
     pub name: String,
-    /// Reported error without compensation, µm.
+    /// Reported error without compensation, µm; `None` if not published.
     pub uncompensated_um: Option<f64>,
-    /// Reported error with compensation, µm.
+    /// Reported error with compensation, µm; `None` if not published.
     pub compensated_um: Option<f64>,
 }
 

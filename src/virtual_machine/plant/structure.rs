@@ -1,8 +1,9 @@
 //! Structure as the thermal modes of its finite elements, which `isotherm place --modes` calculates. The state advances
 //! step by step.
 //!
-//! Each mode decays at its own rate. Heat flows into the ports and the temperatures of the sinks excite the modes. If
-//! the excitation is constant during a step, the calculated step is exact for any rate.
+//! Each mode decays at its own rate. Two kinds of input excite the modes: the heat flow into each port (patch of the
+//! surface), and the temperature of each sink (medium around the structure). If the excitation is constant during a
+//! step, the calculated step is exact for any rate.
 
 use super::STEP;
 

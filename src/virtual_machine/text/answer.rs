@@ -14,7 +14,7 @@ use isotherm_core::codec::{with_sum, with_unit};
 const INCH: f64 = 25.4;
 /// Pause between two bytes, for the fault in which text is sent byte by byte.
 const DRIBBLE: Duration = Duration::from_millis(1);
-/// Bytes before the values of an answer: function and count.
+/// Number of bytes before the values of a Modbus answer: function code and byte count.
 const HEADER: usize = 2;
 
 /// Answer of a device: the values in its registers, and the fault of the answer.
@@ -38,13 +38,14 @@ pub(super) enum Content {
 pub(super) struct SentText {
     pub(super) bytes: Vec<u8>,
     pub(super) delay: Duration,
-    /// Pause after each byte; `None` if all are sent at once.
+    /// Pause after each byte; `None` if all bytes are sent at once.
     pub(super) pause: Option<Duration>,
-    /// Whether the connection is closed afterwards.
+    /// Whether the connection is closed after these bytes.
     pub(super) closes: bool,
 }
 
-/// Sender of texts on one connection.
+/// Sender of the text answers on one connection. It changes or suppresses an answer as the fault of the answer
+/// requires.
 #[derive(Debug, Default)]
 pub(super) struct Sender {
     /// Correct text of the last answer, before faults changed it.
@@ -128,7 +129,7 @@ fn lines(group: &TextGroup, values: &[f64]) -> Vec<String> {
     group.patterns.iter().zip(values).map(|(pattern, value)| pattern.line(*value)).collect()
 }
 
-/// Returns the lines of a readout that was switched to inch.
+/// Returns the text lines of a readout that was switched to inches: each value in inches, followed by `"`.
 fn in_inch(group: &TextGroup, values: &[f64]) -> Vec<String> {
     let values: Vec<f64> = values.iter().map(|value| value / INCH).collect();
     lines(group, &values).into_iter().map(|line| line + "\"").collect()
@@ -152,13 +153,13 @@ fn first_half(line: &str) -> String {
     line.chars().take(line.chars().count() / 2).collect()
 }
 
-/// Returns the lines as bytes of Latin-1.
+/// Returns the lines as bytes in Latin-1, each followed by `end`. A character that Latin-1 does not have becomes `?`.
 fn bytes(lines: &[String], end: &str) -> Vec<u8> {
     let characters = lines.iter().flat_map(|line| line.chars().chain(end.chars()));
     characters.map(|character| u8::try_from(u32::from(character)).unwrap_or(b'?')).collect()
 }
 
-/// Returns the request for the name of a DCON module. A module with a checksum ignores requests without one.
+/// Returns the request for the name of a DCON module. A module with a checksum ignores requests without a checksum.
 pub(super) fn name_request(group: &TextGroup) -> String {
     of_module(group, "${unit}M")
 }

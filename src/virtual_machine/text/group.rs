@@ -51,7 +51,7 @@ pub(in crate::virtual_machine) fn in_registers(profile: &Profile) -> (Profile, V
 }
 
 impl TextGroup {
-    /// Returns whether the device is a DCON module.
+    /// Returns whether the device is a DCON module (input module with an ASCII protocol). Its requests begin with `#`.
     pub(super) fn is_dcon(&self) -> bool {
         self.request.starts_with('#')
     }

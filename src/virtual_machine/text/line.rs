@@ -19,7 +19,7 @@ const READ: u8 = 4;
 /// Limits of the interval at which a device sends without a request.
 const SHORTEST_INTERVAL: Duration = Duration::from_millis(20);
 const LONGEST_INTERVAL: Duration = Duration::from_secs(1);
-/// Longest request that a device recognises.
+/// Length in bytes of the longest request that a device recognises.
 const LONGEST_REQUEST: usize = 128;
 
 /// Function that executes a Modbus read on a device now. Its second argument is the protocol data unit (request without

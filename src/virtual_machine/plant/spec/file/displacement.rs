@@ -8,7 +8,7 @@ use super::super::{Displacement, Position, Stretch};
 use super::check::Check;
 use crate::virtual_machine::plant::structure::Point;
 
-/// Part that expands and so moves the axis.
+/// Part of the machine whose expansion displaces an axis: coefficient (1/K) × length × temperature rise of the node.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct ExpansionFile {
@@ -19,7 +19,7 @@ pub(super) struct ExpansionFile {
     sign: f64,
 }
 
-/// Two sides of a part that bends, because the warmer side becomes longer.
+/// Part of the machine that bends if its two sides, the nodes `warm` and `cold`, have different temperature rises.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct BendingFile {
@@ -29,7 +29,8 @@ pub(super) struct BendingFile {
     um_per_kelvin: f64,
 }
 
-/// Part along a travel. Its length between the reference and the current position expands.
+/// Part of the machine along the travel of an axis. Only its length between the reference and the current position
+/// displaces the axis.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct StretchFile {
