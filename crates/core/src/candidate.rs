@@ -16,7 +16,8 @@
 //! | the candidate's is smaller | auto | no | [`Step::WaitForDatum`] |
 //! | the candidate's is smaller | auto | yes | [`Step::Adopt`] |
 //!
-//! The runs of one day (UTC) are one judged day, in which each touch has the same weight.
+//! A run lasts from one datum (zero point of the touches) to the next. The runs of one day (UTC) are one judged day, in
+//! which each touch has the same weight.
 //!
 //! An adopted candidate becomes the model in use, and its mean squares become those of the model in use. A later
 //! candidate is therefore also compared over five days. The functions are pure: they read no clock and no file.
@@ -60,7 +61,7 @@ pub struct Judgement {
 
 shifted!(Judgement: days);
 
-/// Residual errors over the judged days, each as the root of the mean square over these days.
+/// Residual errors of both models over the judged days, each as a root mean square.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Gain {
     /// Time of the datum (zero point) of the first judged day.
@@ -82,7 +83,7 @@ pub struct Gain {
 pub struct Offer {
     /// Name of the axis in the profile.
     pub axis: String,
-    /// Name of the candidate. It depends on the day of the candidate's last run and on its terms.
+    /// Name of the candidate, formed from the day of the last run that it was learned from, and from its terms.
     pub name: String,
     /// Number of runs from which the candidate was learned.
     pub runs: usize,
@@ -92,8 +93,8 @@ pub struct Offer {
     pub judgement: Judgement,
     /// Name of the learned model with which the candidate was compared; `None` if that was the model of the profile.
     pub compared_with: Option<String>,
-    /// Fingerprint of the models in the profile at the time of the comparison. Empty if the axis did not learn a model
-    /// at that time.
+    /// Fingerprint (hash) of the models in the profile at the time of the comparison. Empty if the axis did not learn a
+    /// model at that time.
     pub own: String,
 }
 
@@ -122,7 +123,7 @@ pub enum Policy {
     Auto,
 }
 
-/// Occasion of a decision about an adoption.
+/// Circumstances under which [`Judgement::decide`] decides whether a candidate is adopted.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Occasion {
     /// Whether the operator has confirmed this candidate.
@@ -131,12 +132,13 @@ pub struct Occasion {
     pub at_datum: bool,
 }
 
-/// Next step with a candidate: keep the model in use, propose the candidate, or adopt it.
+/// Next step with a candidate: keep the model in use, propose the candidate, or adopt it. For a better candidate, the
+/// step contains the residual errors of both models.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Step {
     /// The axis keeps the model in use.
     Keep,
-    /// The candidate is better. The operator is asked.
+    /// The candidate is better. It is proposed to the operator, who decides.
     Propose(Gain),
     /// The candidate is better, and is adopted at the next datum.
     WaitForDatum(Gain),
@@ -222,7 +224,8 @@ impl Judgement {
         }
     }
 
-    /// Records that the candidate has become the model in use.
+    /// Records that the candidate has become the model in use. On all judged days, its mean squares replace those of
+    /// the former model.
     pub fn adopted(&mut self) {
         self.days.iter_mut().for_each(|day| day.in_use = day.candidate);
     }

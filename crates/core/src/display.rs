@@ -43,7 +43,7 @@ pub enum Display {
     Waiting,
     /// The axis follows its preferred model.
     Active,
-    /// The axis follows a fallback model.
+    /// The axis follows a fallback model, because its preferred model cannot be used.
     Degraded,
     /// The axis keeps its last Cz.
     Holding,

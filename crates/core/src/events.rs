@@ -35,7 +35,7 @@ const SEE_EVENTS: &str = "`isotherm events` shows what happened";
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Level {
-    /// Information.
+    /// Information: the event reports no trouble.
     Info,
     /// Trouble that the operator should know of.
     Warning,
@@ -121,7 +121,7 @@ impl Entry {
 /// Declares the kinds of events, and their entries in the same order. The doc comment of a kind is its meaning.
 macro_rules! catalogue {
     ($($(#[doc = $meaning:literal])+ $kind:ident = $entry:expr;)+) => {
-        /// Kind of an event.
+        /// Kind of an event, for example that an axis was switched off. The catalogue has one entry for each kind.
         #[derive(Clone, Copy, Debug, PartialEq, Eq)]
         pub enum EventKind {
             $($(#[doc = $meaning])+ $kind,)+

@@ -330,8 +330,8 @@ impl FormerPlace {
                 Some(PlaceComparison::Moved(_)) => profile.get(name).is_some_and(|is| {
                     let is_back = back.contains(name);
                     let leaves = former.keeps_something() && !is.is_at(&former.place);
-                    // A value of the gateway may remain at the former place, or one of the operator at the new place.
-                    // The operator must confirm it.
+                    // A value of the gateway may remain at the former place, or a value of the operator may be at the
+                    // new place. The operator must confirm the change.
                     known.was_driven && (leaves || !is_back)
                         || known.becomes_ours(is) && (is.is_at(&former.place) || !is_back)
                 }),

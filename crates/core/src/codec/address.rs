@@ -17,9 +17,9 @@ pub enum Address {
     Object(Object),
     /// Field of CAN frames that a node sends without a request.
     Frame(Field),
-    /// Node of an OPC UA server.
+    /// Node of an OPC UA server, which the gateway reads or writes as one value.
     Node(Node),
-    /// Sensor of this computer.
+    /// Temperature sensor that the kernel of this computer reads, for example on a 1-Wire bus.
     Sensor(PcSensor),
     /// Number in a line of text that the device sends.
     Text(TextValue),
@@ -50,7 +50,7 @@ pub struct Register {
 impl Table {
     const ALL: [Table; 4] = [Table::Coil, Table::Discrete, Table::Input, Table::Holding];
 
-    /// Returns the name of the table in the profile.
+    /// Returns the name of the table in the profile: `coil`, `discrete`, `input` or `holding`.
     pub const fn name(self) -> &'static str {
         match self {
             Table::Coil => "coil",

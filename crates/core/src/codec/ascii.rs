@@ -42,7 +42,8 @@ fn digit(value: u8) -> u8 {
     if value < 10 { b'0' + value } else { b'A' + value - 10 }
 }
 
-/// Returns the value of a hexadecimal digit. Lower-case letters are accepted, because some devices send them.
+/// Returns the value of a hexadecimal digit; `None` for any other character. Lower-case letters are accepted, because
+/// some devices send them.
 fn value(digit: u8) -> Option<u8> {
     match digit {
         b'0'..=b'9' => Some(digit - b'0'),

@@ -49,7 +49,7 @@ impl CanId {
         CanId { is_extended: false, raw: number as u32 & CanId::LARGEST_STANDARD }
     }
 
-    /// Returns the identifier as a number.
+    /// Returns the identifier as a number, which does not show whether the identifier has 11 or 29 bits.
     pub const fn raw(self) -> u32 {
         self.raw
     }

@@ -26,7 +26,7 @@ use crate::quantity::Micron;
 pub struct ControlView {
     /// Encoding that the control uses for the registers.
     pub encoding: Encoding,
-    /// Change of the value, in its unit, for a correction of 1 µm.
+    /// Change of the value in the registers, in the unit of the output, for a correction of 1 µm.
     pub per_micron: f64,
     /// Largest absolute correction that may be written.
     pub limit: Micron,
@@ -108,7 +108,8 @@ impl ControlView {
     }
 }
 
-/// Relative rounding error of a few operations on floats of 64 bits.
+/// Relative rounding error of a few operations on floats of 64 bits. The allowed deviation of a correction includes
+/// this error.
 const ARITHMETIC: f64 = 1e-14;
 
 impl fmt::Display for Inadmissible {

@@ -112,7 +112,7 @@ impl Tracked {
         };
         let (can, lost_count, moved) = travelled(last);
         let rereferenced = if can {
-            // The gap was long enough for more than one rollover, so only the present count is known.
+            // The last reading is so old that more than one rollover is possible. Only the present count is known.
             lost_count
         } else {
             let confirmed = self.leapt.is_some_and(|leapt| travelled(leapt).0);

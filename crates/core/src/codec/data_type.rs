@@ -2,7 +2,7 @@
 
 use super::{Encoded, Part};
 
-/// Largest number on a display with six digits.
+/// Largest number on a display with six digits, and largest count of the type [`DataType::Decimal24`].
 const SIX_DIGITS: i128 = 999_999;
 
 /// Representation of a number in registers.

@@ -137,7 +137,7 @@ impl Encoding {
             DataType::Bool => u64::MAX,
             DataType::Bit(bit) => 1 << bit,
             DataType::Part(part) => part.mask(),
-            // Sign and magnitude. The number of decimals beside them is not a part of the value.
+            // The value consists of sign and magnitude. The number of decimals in the same registers is not part of it.
             DataType::Decimal24(_) => 0x10ff_ffff,
             data_type => u64::MAX >> (64 - data_type.width()),
         };

@@ -14,9 +14,9 @@ use crate::reading::Reason;
 /// Identifier of a node, with its namespace. Formatted in the notation of the profile.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct NodeId {
-    /// Namespace of the node.
+    /// Namespace of the node, given by its index or its URI.
     pub namespace: Namespace,
-    /// Identifier within the namespace.
+    /// Identifier within the namespace: a number, a text, a GUID or bytes.
     pub identifier: Identifier,
 }
 
@@ -96,7 +96,7 @@ pub struct Node {
     pub element: Option<Element>,
 }
 
-/// Number as a server sends it.
+/// Number with its type, as an OPC UA server sends or receives it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Scalar {
     /// Type of the number.
@@ -111,7 +111,8 @@ impl Node {
         Node { id, data_type, element: None }
     }
 
-    /// Returns the type with which [`Node::registers`] encodes the value.
+    /// Returns the type with which [`Node::registers`] encodes the value: the type in the profile, or `f64` if the
+    /// profile states no type.
     pub fn taken_as(&self) -> DataType {
         self.data_type.unwrap_or(DataType::F64)
     }

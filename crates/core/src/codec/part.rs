@@ -5,7 +5,7 @@
 
 use std::fmt;
 
-/// Adjacent bits of one register or of two.
+/// Adjacent bits of one register or of two, which hold one value.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Part {
     first: u8,

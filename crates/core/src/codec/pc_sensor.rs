@@ -26,7 +26,7 @@ pub enum PcSensor {
 /// Temperature channel of a chip.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct Channel {
-    /// Name of the chip in the kernel.
+    /// Name that the kernel gives to the chip, for example `coretemp`.
     pub chip: String,
     /// Device name of the chip, for example `1-0048` on an I2C bus. Required if several chips have the same name.
     pub device: Option<String>,
@@ -138,7 +138,8 @@ fn is_rom_id(text: &str) -> bool {
     text.split_once('-').is_some_and(|(family, serial)| is_hex(family, 2) && is_hex(serial, 12))
 }
 
-/// Parses a channel such as `coretemp@coretemp.0/Package id 0`.
+/// Parses a channel such as `coretemp@coretemp.0/Package id 0`: the name of the chip, optionally its device name after
+/// `@` and a label after `/`. `kind` is `hwmon` or `iio`, for messages.
 fn channel(text: &str, kind: &str) -> Result<Channel, String> {
     let (chip, label) = match text.split_once('/') {
         Some((chip, label)) => (chip, Some(label)),

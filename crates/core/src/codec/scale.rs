@@ -27,7 +27,7 @@ impl Scale {
         match exponent {
             0 => self,
             1.. => Scale::of(self.per_count * power),
-            // A division is exact where a multiplication by a tenth is not.
+            // A tenth is not exact as a float, so a division by ten has the smaller error.
             _ => Scale::of(self.per_count / power),
         }
     }

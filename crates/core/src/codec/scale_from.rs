@@ -16,9 +16,9 @@ const ALLOWED: RangeInclusive<i8> = -ScaleFrom::LARGEST..=ScaleFrom::LARGEST;
 /// Register that contains the power of ten of a value's scale.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ScaleFrom {
-    /// Register of the exponent.
+    /// Register that contains the exponent.
     pub address: Register,
-    /// Encoding of the exponent, with scale 1.
+    /// Encoding of the exponent in this register. Its scale is 1.
     pub encoding: Encoding,
     /// Meaning of the number in the register.
     pub meaning: ScaleMeaning,

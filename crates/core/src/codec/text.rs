@@ -273,12 +273,12 @@ impl TextPattern {
             let is_digit = |at: usize| characters.get(at).is_some_and(char::is_ascii_digit);
             is_digit(*at) && !at.checked_sub(1).is_some_and(is_digit)
         };
-        // A number may begin with its point. A comma before a number separates it from another one.
+        // A number may begin with its decimal point. A comma before a number separates it from the number before.
         let is_inside = |character: &char| *character == ' ' || *character == '.' && point == '.';
         let behind_text = |end: usize| {
             characters[..end].iter().rposition(|character| *character != ' ').map_or(0, |text| text + 1)
         };
-        // The number begins with the blanks before its sign, which may be before blanks too.
+        // A number includes its sign, and the blanks before and after the sign.
         let begin = |first: usize| {
             let other = characters[..first].iter().rposition(|character| !is_inside(character));
             match other {
@@ -288,13 +288,13 @@ impl TextPattern {
             }
         };
         let found = |first: usize| Some((begin(first), Number::at(&characters, begin(first), point)?));
-        // A number with decimals is more likely the value than one without, which may be that of a channel.
+        // A number with decimals is more likely the value. A number without decimals may be a channel number.
         let mut numbers: Vec<_> = (0..characters.len()).filter(is_first_digit).filter_map(found).collect();
         numbers.sort_by_key(|(_, number)| number.decimals == 0);
         let (begin, found) = numbers.into_iter().next()?;
         let part = |range: &[char]| range.iter().collect::<String>();
         let end = part(&characters[found.end..]);
-        // Other numbers behind the value change too.
+        // Numbers after the value may differ in other lines, so any characters are accepted there.
         let end = if end.contains(|other: char| other.is_ascii_digit()) { "{any}" } else { end.trim_end() };
         let decimals = match found.decimals {
             0 => String::new(),
@@ -377,7 +377,7 @@ impl FromStr for TextPattern {
             pattern.parts.push(part.ok_or_else(|| format!("`{{{word}}}` is unknown; {FORMS}"))?);
             rest = behind;
         }
-        // A count of zero stands for nothing.
+        // A placeholder with a count of zero matches no characters, so it is left out.
         pattern.parts.retain(|part| !matches!(part, Part::Skip(0) | Part::Any(Some(0))));
         if pattern.parts.len() > MOST_PARTS {
             return Err(format!(
@@ -435,7 +435,7 @@ fn part(word: &str, point: &mut char) -> Option<Part> {
     let width = match (name, count) {
         ("skip", count) => return Some(Part::Skip(count.unwrap_or(1))),
         ("any", count) => return Some(Part::Any(count)),
-        // No number has no characters.
+        // A number has at least one character.
         (_, Some(0)) => return None,
         (_, width) => width,
     };

@@ -1,5 +1,7 @@
 //! One axis: its models, the limiters of Cz and slope (guards), and its state. Cz is the compensation value, which is
-//! added to the position of the axis. The slope is the part of Cz that is proportional to the position.
+//! added to the position of the axis. The slope is the part of Cz that is proportional to the position. The envelope of
+//! a model is the region of inputs on which the model was identified. A stand-in is an estimate that replaces the
+//! reading of a rejected sensor.
 
 use std::time::Duration;
 
@@ -26,9 +28,10 @@ pub(super) use sensor_watch::ModelWatch;
 #[derive(Clone, Debug)]
 pub(super) struct Axis {
     pub(super) settings: AxisSettings,
-    /// Whether the axis has models, and none of them reads a signal.
+    /// Whether the axis has models, and none of them reads a signal. The steps of such an axis do not update the state
+    /// of the machine.
     pub(super) reads_nothing: bool,
-    /// Lags of the terms of each model.
+    /// For each model: the lag of each of its inputs that may lag, in the order of `Model::rises`.
     lags: Vec<Vec<Lag>>,
     /// For each model: the check of its sensors, with the rejected sensors and their stand-ins.
     watched: Vec<ModelWatch>,
@@ -44,7 +47,7 @@ pub(super) struct Axis {
     tripped: bool,
     /// Whether the axis keeps its value because the model's inputs are outside its envelope.
     kept_outside: bool,
-    /// First fallback model that the axis does not use because the model's inputs are outside its envelope.
+    /// First fallback model that the axis does not use because the inputs are outside the envelope of this model.
     fallback_outside: Option<usize>,
     stepped: Option<Moment>,
     pub(super) due: Option<Moment>,
@@ -188,7 +191,8 @@ impl Axis {
         if self.zeroing.is_open() {
             let mut zeroing = std::mem::take(&mut self.zeroing);
             zeroing.gather(now, |place| {
-                // An axis without a model of its own has only the learned model, before it is adopted too.
+                // If the profile has no model for the axis, the datum of the learned model is captured before its
+                // adoption too.
                 let is_used = self.is_ranked(place) || self.preferred().is_none();
                 let evaluated = is_used.then(|| self.evaluate(place, snapshot, machine).ok());
                 evaluated.flatten().map(|found| found.outputs)
@@ -275,7 +279,7 @@ impl Axis {
         }
     }
 
-    /// Returns the pace at which Cz goes to zero in the fault action.
+    /// Returns the pace at which Cz goes to zero: the largest steps if `on_fault` is `zero`, else the rate of the axis.
     fn ramp_pace(&self) -> Pace {
         match self.settings.on_fault {
             OnFault::Zero => Pace::Steps,
@@ -283,7 +287,7 @@ impl Axis {
         }
     }
 
-    /// Returns the state of an axis whose Cz goes to zero or is zero, independent of its fault action.
+    /// Returns the state of an axis whose Cz must go to zero: `Zeroed` if the axis is at zero, else `Ramping`.
     fn returns_to_zero(&self) -> AxisState {
         if self.is_at_zero() { AxisState::Zeroed } else { AxisState::Ramping }
     }
@@ -401,7 +405,7 @@ impl Axis {
             }
             (Permit::Armed, Some(_)) => AxisState::Degraded,
             (Permit::Armed, None) if self.settings.models.is_empty() => AxisState::Active,
-            // No later start would return the value of a sign check, because the axis then stays off.
+            // The Cz of a sign check goes to zero now. After the next start it would stay, because the axis is off.
             (Permit::Stopping, None) if self.settings.models.is_empty() => self.returns_to_zero(),
             (Permit::Armed | Permit::Unverified | Permit::Held, _) => self.fault_action(now, false),
             (Permit::Stopping, _) => self.fault_action(now, true),

@@ -14,8 +14,8 @@ pub struct Control {
     /// Cz in the register, from which the axis resumes. This field is set when the axis is armed, and when an output
     /// recovers.
     pub take_over: Option<Micron>,
-    /// Effect of the slope, at the axis's largest distance from the reference position, from which the slope resumes.
-    /// This field is set only if the control applies the slope itself.
+    /// Position-dependent part of the compensation (slope times largest distance from the reference position), from
+    /// which the slope resumes. This field is set only if the control applies the slope itself.
     pub take_over_slope: Option<Micron>,
     /// Whether the axis must discard the corrections that its models have from probings.
     pub forget: bool,
@@ -34,13 +34,14 @@ pub struct Control {
     pub return_to: Option<ReturnTo>,
 }
 
-/// Cz, and the effect of the slope, before the settings of a sensor were changed.
+/// Cz, and the position-dependent part of the compensation (slope times largest distance), before the settings of a
+/// sensor were changed.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ReturnTo {
     /// Cz before the settings of the sensor were changed.
     pub cz: Micron,
-    /// Effect of the slope at the axis's largest distance from the reference position, before the settings were
-    /// changed. Zero without a slope.
+    /// Position-dependent part of the compensation (slope times largest distance from the reference position), before
+    /// the settings were changed. Zero without a slope.
     pub slope: Micron,
 }
 
@@ -60,7 +61,7 @@ impl Control {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Permit {
-    /// The axis is not armed.
+    /// The axis is not armed: it decides nothing, and its register is not written.
     #[default]
     Off,
     /// The axis is armed, and its last write was verified.

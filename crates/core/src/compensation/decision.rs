@@ -26,14 +26,15 @@ pub struct Decision {
     pub model: Option<usize>,
     /// Cz after the limits of the axis (limit, deadband, step, rate, rounding). The gateway writes this value.
     pub cz: Micron,
-    /// Effect of the slope at the axis's largest distance from the reference position, after the limits of the axis.
-    /// Zero unless the control applies the slope itself. If it does, Cz is K0, the value at the reference position.
+    /// Part of the compensation that depends on the position (slope times distance), at the largest distance from the
+    /// reference position. The limits of the axis are applied. Zero unless the control applies the slope itself. If it
+    /// does, Cz is K0, the value at the reference position.
     pub slope: Micron,
     /// Target of Cz within the limit: the value that the model, the fault action, the stop or the sign check requests.
     /// Equal to Cz if nothing is requested.
     #[serde(default)]
     pub target: Micron,
-    /// Target of the effect of the slope, within the limit.
+    /// Target of the position-dependent part of the compensation (slope times largest distance), within the limit.
     #[serde(default)]
     pub slope_target: Micron,
     /// State of the axis.

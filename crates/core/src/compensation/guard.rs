@@ -1,5 +1,6 @@
-//! Limiter between a model and a register (the guard): the stages limit → deadband → step → rate → whole counts, which
-//! bound each change of the offset. The offset is Cz, the compensation value of an axis, or the effect of its slope.
+//! Limiter between a model and a register (the guard). Its stages limit → deadband → step → rate → whole counts bound
+//! each change of the offset. The offset is Cz, the compensation value of an axis, or the part of the compensation that
+//! depends on the position (effect of the slope).
 //!
 //! Each stage reports if it changed the value. The limiter stores two numbers: the offset in µm, and the decided offset
 //! in whole counts. With the counts alone, a rate of less than one count per update would never change the offset.
@@ -79,8 +80,8 @@ pub(super) enum Pace {
     Steps,
 }
 
-/// Limiter of one offset, which is Cz or the effect of the slope. `place`: the offset in µm before rounding. `counted`:
-/// the same offset, rounded to whole counts of the register.
+/// Limiter of one offset, which is Cz or the effect of the slope (position-dependent part of the compensation).
+/// `place`: the offset in µm before rounding. `counted`: the same offset, rounded to whole counts of the register.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(super) struct Guard {
     place: Micron,

@@ -34,7 +34,8 @@ pub use unusable::Unusable;
 use crate::quantity::Micron;
 use crate::reading::SignalId;
 
-/// Model with the name that the profile gives it.
+/// One model of an axis: its name, its kind with the numbers, and its properties from the profile, such as its
+/// envelope.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Model {
     /// Name of the model in the profile, on the web page, and in the log (column `z_model` for an axis z).
@@ -152,7 +153,8 @@ impl Model {
         })
     }
 
-    /// Returns the offset and the gains of a linear model, as the profile gives them.
+    /// Returns the offset and the gains of a linear model, as the profile gives them. A saved state of the model is
+    /// used only if these numbers are still the same.
     pub fn numbers(&self) -> impl Iterator<Item = f64> {
         let linear = self.kind.model().correctable().into_iter();
         linear.flat_map(|linear| [linear.offset.get()].into_iter().chain(linear.gains()))

@@ -88,7 +88,7 @@ pub struct Change {
     pub to: Preferred,
     /// Time at which the change takes effect: at once, or at the next datum.
     pub when: When,
-    /// Fingerprint of the profile's models to which the change belongs.
+    /// Fingerprint (hash) of the profile's models to which the change belongs.
     pub own: String,
 }
 
@@ -116,7 +116,7 @@ impl fmt::Display for Unfit {
 /// Preferred model of an axis, the model that was preferred before, and a change that waits.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Preference {
-    /// Fingerprint of the profile's models to which the preference belongs.
+    /// Fingerprint (hash) of the profile's models to which the preference belongs.
     own: String,
     preferred: Preferred,
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -174,7 +174,7 @@ impl Preference {
         [left, self.withdrawn.as_deref()].contains(&Some(name))
     }
 
-    /// Returns the fingerprint of the profile's models to which the preference belongs.
+    /// Returns the fingerprint (hash) of the profile's models to which the preference belongs.
     pub fn own(&self) -> &str {
         &self.own
     }

@@ -1,4 +1,5 @@
-//! References of temperature rises, and the running time of the machine.
+//! References of temperature rises, and the running time of the machine. A reference is a value that is subtracted from
+//! a signal; the difference is the rise.
 //!
 //! References and running time belong to the machine, not to an axis, and are saved for a restart. [`Machine::observe`]
 //! detects edges of the `on` and `zero` signals by comparing two calls. The caller calls [`Machine::would_notice`] at
@@ -44,8 +45,8 @@ pub struct Machine {
     known: CaptureFacts,
 }
 
-/// Facts about the captures, stored so that a step need not search all captures. A comparison of two machines ignores
-/// them.
+/// Number of changes of the captured values, and whether no capture is running. They are stored, so that a step need
+/// not search all captures. A comparison of two machines ignores them.
 #[derive(Clone, Copy, Debug, Default)]
 struct CaptureFacts {
     /// Number of changes of the captured values since the gateway started. The number wraps around at its maximum.

@@ -1,5 +1,5 @@
 //! State that is saved for a restart: references of the machine, lags of the terms, datum of the axes, and corrections
-//! from probings. The datum of an axis is the zero point of its Cz.
+//! from probings (measured errors). The datum of an axis is the zero point of its Cz.
 //!
 //! The state file contains this state, and so does the first row of a run in its log. A replay of the log therefore
 //! gives the decisions of the gateway. A lag is saved with the axis, the model and the index of its term. A term whose

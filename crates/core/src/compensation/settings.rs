@@ -42,7 +42,7 @@ pub struct AxisSettings {
 pub struct LearnedSlot {
     /// Index of the learned model in the axis's list of models.
     pub model: usize,
-    /// Fingerprint of the other models of the axis. A learned model belongs to them.
+    /// Fingerprint (hash) of the other models of the axis. A learned model belongs to them.
     pub own: String,
 }
 
@@ -120,7 +120,7 @@ impl Filter {
 pub struct GainSettings {
     /// Factor that each probing applies to the weight of all earlier probings, above 0 and up to 1.
     pub forgetting: f64,
-    /// Largest relative correction of a gain.
+    /// Largest relative correction of a gain: 0.3 allows ±30 %.
     pub limit: f64,
 }
 
@@ -154,8 +154,8 @@ pub struct InterceptSlope {
     /// Largest distance of the axis from the reference position. The limits of the axis apply to tanβ times this
     /// distance.
     pub reach: Millimetre,
-    /// One count of the slope's register, as its effect at the distance `reach`, µm. `None` if the register accepts
-    /// fractions.
+    /// One count of the slope's register, converted to its effect at the distance `reach`, µm. `None` if the register
+    /// accepts fractions.
     pub count: Option<Micron>,
 }
 

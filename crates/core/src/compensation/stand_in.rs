@@ -104,7 +104,7 @@ shifted!(SubstitutedSensor: since);
 pub(super) struct Watch {
     /// Name of the model whose sensors are checked.
     pub(super) model: String,
-    /// Fingerprint of the stand-ins file.
+    /// Fingerprint (hash) of the stand-ins file.
     pub(super) file: u64,
     /// Offset and gains of the model in the profile. A saved state with other numbers is not used.
     numbers: Vec<f64>,
@@ -145,8 +145,9 @@ pub(super) struct Bounds<'a> {
     /// Whether the control itself multiplies the slope (tanβ) by the distance of the axis from the reference position
     /// P0.
     pub(super) splits_slope: bool,
-    /// Function that returns Cz, and the effect of the slope, that the axis would follow with these inputs. The
-    /// envelope and the correction from probings are applied. `None` if the model has no value.
+    /// Function that returns the values that the axis would follow with these inputs: Cz, and the effect of the slope
+    /// (position-dependent part of the compensation). The envelope and the correction from probings are applied. `None`
+    /// if the model has no value.
     pub(super) target: &'a dyn Fn(&Inputs<'_>) -> Option<(Micron, Micron)>,
 }
 

@@ -1,4 +1,4 @@
-//! Substitutes for the readings of rejected sensors.
+//! Substitutes for the readings of rejected sensors, which are suspected, frozen or lost.
 
 use crate::quantity::Moment;
 use crate::reading::SignalId;
@@ -7,9 +7,10 @@ use crate::reading::SignalId;
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Substitution {
     pub(super) signal: SignalId,
-    /// Whether the reading is constant (suspected or frozen). Otherwise the sensor was lost.
+    /// Whether the reading is constant, so that the sensor is suspected or frozen. Otherwise the sensor is lost: it has
+    /// no good reading.
     pub(super) frozen: bool,
-    /// Time at which the sensor's reading last changed, or was last good.
+    /// Time at which the reading last changed (suspected or frozen), or was last good (lost).
     pub(super) since: Moment,
     pub(super) source: SubstituteSource,
 }

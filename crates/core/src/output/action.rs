@@ -36,7 +36,7 @@ impl Default for Action {
 }
 
 impl Action {
-    /// Returns a copy in which `to` has converted the moment of the action.
+    /// Returns a copy in which `to` is applied to the moment of the action, if the action has one.
     pub(super) fn moved(self, to: impl Fn(Moment) -> Moment) -> Action {
         match self {
             Action::Nothing { until } => Action::Nothing { until: to(until) },

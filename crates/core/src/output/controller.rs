@@ -52,7 +52,8 @@ pub struct Controller {
     events: Slots<Event, MOST_EVENTS>,
 }
 
-/// State of a controller, apart from the state of its register.
+/// State of a controller, apart from the state of its register: the pending exchange, and whether the output follows
+/// the decisions of its axis.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub struct Policy {
     /// Exchange that was requested and has no result yet.
@@ -163,7 +164,8 @@ impl Controller {
         self.policy.set != SetCommit::Taken
     }
 
-    /// Returns the last verified register value, or the bias if it is unknown.
+    /// Returns the last verified register value. If it is unknown, returns the bias, the register value for an offset
+    /// of zero.
     pub fn held(&self, settings: &Settings) -> Counts {
         self.state.shown(settings).verified.map_or(settings.bias, |seen| seen.value)
     }
@@ -570,8 +572,8 @@ impl Controller {
         let _ = self.events.push(event);
     }
 
-    /// Returns a copy in which `to` is applied to every moment. The events are dropped. The next call is at `now` at
-    /// the earliest.
+    /// Returns a copy in which `to` is applied to every moment, for the comparison of two states that differ only in
+    /// time. The events are dropped. `now` is the earliest time of the next call.
     #[doc(hidden)]
     pub fn moved(&self, to: impl Fn(Moment) -> Moment, now: Moment) -> Controller {
         let Policy { inputs, applied, action, .. } = self.policy;

@@ -10,7 +10,8 @@ use crate::quantity::{Counts, Moment, shifted};
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Demand {
-    /// Operator or profile that armed the axis. `None` if the axis is off, and in a dry run.
+    /// Operator or profile that armed the axis. `None` if the axis is off, and in a dry run (a run that writes
+    /// nothing).
     pub armed: Option<Who>,
     /// Condition of the interlock.
     pub interlock: Condition,
@@ -26,8 +27,8 @@ pub struct Demand {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct OutputDecision {
-    /// Offset in counts, without the bias. For a shared register: the gateway share (part of the value that the gateway
-    /// adds).
+    /// Offset in counts, without the bias (register value for an offset of zero). For a shared register: the gateway
+    /// share (part of the value that the gateway adds).
     pub offset: Counts,
     /// Target that the offset approaches. `None` for a constant, and if the target is unknown.
     pub target: Option<Counts>,
@@ -52,7 +53,7 @@ pub enum Mode {
     Finish,
 }
 
-/// Condition of an interlock.
+/// State of an interlock, which is a condition in the profile under which an output may be written.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Condition {

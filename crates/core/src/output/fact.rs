@@ -12,8 +12,8 @@ pub enum Fact {
     Look,
     /// The axis has decided about the offset.
     Decided {
-        /// Offset in counts, without the bias. For a shared register: the gateway share (part of the value that the
-        /// gateway adds).
+        /// Offset in counts, without the bias (register value for an offset of zero). For a shared register: the
+        /// gateway share (part of the value that the gateway adds).
         offset: Counts,
         /// Target of the offset: the value that the model, the fault action, the stop or the sign check requests. If it
         /// is `None`, the register may reach the offset from either side.

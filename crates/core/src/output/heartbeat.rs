@@ -7,8 +7,8 @@ use serde::{Deserialize, Serialize};
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Beat {
-    /// No heartbeat is sent: in a dry run, before the first arming of an axis with `arm = "manual"`, and otherwise
-    /// before the first reading of a signal.
+    /// No heartbeat is sent in a dry run (a run that writes nothing). With `arm = "manual"`, no heartbeat is sent
+    /// before the first arming of an axis. Otherwise, none is sent before the first reading of a signal.
     #[default]
     Silent,
     /// The count does not change, because the gateway did not compute the decisions of the axes in time.

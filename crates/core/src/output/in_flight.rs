@@ -80,7 +80,7 @@ pub(super) struct ReadResult {
     /// Earliest time of a read that may prove that a write had not arrived yet. Before this time, writes of the
     /// previous run may still arrive.
     pub(super) pairs_from: Moment,
-    /// Value, other than zero, that a restarted CNC may show.
+    /// Bias: register value for an offset of zero, which a restarted CNC may show instead of zero.
     pub(super) bias: Counts,
 }
 
@@ -186,7 +186,7 @@ impl InFlightWrites {
         let before = self.under_way;
         for sent in before.iter().filter(|sent| asked > sent.left.after(late) && sent.answered.is_none()) {
             let until = asked.after(remembered);
-            // Sent and expired values together fit the capacity.
+            // There is room, because `has_room` also counts the expired writes.
             let _ = self.add_expired(ExpiredWrite { value: sent.value, at: sent.at, until });
         }
         self.under_way.retain(|sent| asked <= sent.left.after(late));
@@ -215,7 +215,8 @@ impl InFlightWrites {
         self.under_way.iter().map(|sent| sent.left.after(late)).min()
     }
 
-    /// Returns a copy in which `to` is applied to every moment that affects decisions. The other moments are cleared.
+    /// Returns a copy in which `to` is applied to every moment that affects decisions, for the comparison of two states
+    /// that differ only in time. The other moments are cleared.
     pub(super) fn moved(&self, to: impl Fn(Moment) -> Moment) -> InFlightWrites {
         let mut copies = *self;
         for sent in copies.under_way.iter_mut() {

@@ -19,7 +19,8 @@ pub(super) enum Meaning {
     FromBefore,
     /// A write was acknowledged, but the register still holds the earlier value.
     NotTaken,
-    /// Value that a restarted CNC may show: zero, the bias, or after a reported restart any value within the limit.
+    /// Value that a restarted CNC may show: zero or the bias, the register value for an offset of zero. After a
+    /// reported restart, any value within the limit.
     Restarted,
     /// Another client wrote to a register that belongs to the gateway.
     Foreign,

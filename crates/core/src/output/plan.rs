@@ -152,7 +152,8 @@ fn aim(state: &State, settings: &Settings, current: Counts, order: Setpoint, now
     let centre = state.centre(settings);
     let (low, high) = way(state, settings, current, order);
     let wanted = settings.target(centre, order.offset);
-    // The guard may be on the other side of the register value. The register then waits until the guard has passed it.
+    // The decided offset may be on the other side of the register value than the target. The register then keeps its
+    // value until the decided offset has passed it.
     let target = wanted.clamp(low, high);
     if target == current {
         return Aim::There;
@@ -288,7 +289,8 @@ fn next_read(state: &State, settings: &Settings) -> Moment {
     }
     let Some(seen) = state.verified else { return state.reads_from };
     if state.is_interlocked {
-        // While the interlock is open, the device may be off or starting. It is read when the interlock closes.
+        // While the interlock is open, the device may be off or starting. The register is read when the interlock
+        // closes.
         return Moment::END;
     }
     let is_certain = state.copies.under_way().next().is_none() && state.settles_at.is_none();

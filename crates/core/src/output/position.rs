@@ -57,7 +57,7 @@ pub struct PositionDemand {
     pub read_at: Moment,
     /// Whether the position is valid: its reading is good.
     pub is_usable: bool,
-    /// Decision of the axis. `None` if the axis is off, and in a dry run.
+    /// Decision of the axis. `None` if the axis is off, and in a dry run (a run that writes nothing).
     pub decision: Option<PositionDecision>,
     /// Condition of the interlock.
     pub interlock: Condition,

@@ -68,11 +68,11 @@ pub struct ControlWord;
 impl ControlWord {
     /// Every axis of the output set is armed.
     pub const ENABLE: u16 = 1;
-    /// An axis is frozen.
+    /// An axis is frozen: it keeps its last Cz.
     pub const HOLD: u16 = 2;
     /// An axis carries out its fault action.
     pub const FAULT: u16 = 4;
-    /// An axis follows a fallback model.
+    /// An axis follows a fallback model, because its preferred model cannot be used.
     pub const DEGRADED: u16 = 8;
 }
 

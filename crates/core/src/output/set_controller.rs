@@ -537,8 +537,9 @@ impl SetController {
         [self.members.wakes(now), tries, refreshes].into_iter().flatten().min().unwrap_or(Moment::END)
     }
 
-    /// Returns a copy in which `to` is applied to every moment. The demand, the faults and the events of the outputs
-    /// are dropped. The next call of an output is at `now` at the earliest.
+    /// Returns a copy in which `to` is applied to every moment, for the comparison of two states that differ only in
+    /// time. The demand, the faults and the events of the outputs are dropped. `now` is the earliest time of the next
+    /// call of an output.
     #[doc(hidden)]
     #[must_use]
     pub fn moved(&self, to: impl Fn(Moment) -> Moment, now: Moment) -> SetController {

@@ -11,7 +11,7 @@ use super::transaction::{Member, Transaction};
 use super::{Action, Fact};
 use crate::quantity::{Counts, Moment, Shift, Shifted};
 
-/// Controllers of the outputs of a set.
+/// Controllers of the outputs of a set, in the order of the outputs in its settings.
 #[derive(Clone, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(transparent)]
 pub(super) struct SetMembers {
@@ -123,7 +123,8 @@ impl SetMembers {
         self.controllers.get(place).map_or(Action::Nothing { until: Moment::END }, Controller::action)
     }
 
-    /// Returns the index of the first output, from `from` on, whose state must be saved to disk.
+    /// Returns the index of the first output, from `from` on, whose state must be saved to disk. `None` if there is no
+    /// such output.
     pub(super) fn keeps(&self, from: usize) -> Option<usize> {
         (from..self.controllers.len()).find(|place| self.action(*place) == Action::Keep)
     }
@@ -152,7 +153,7 @@ impl SetMembers {
         self.controllers.iter().any(|one| one.follow() == Follow::Late)
     }
 
-    /// Returns whether an output of the set will request a write if the next read shows nothing new.
+    /// Returns whether at least one output of the set will request a write if the next read shows nothing new.
     pub(super) fn may_write(&self, settings: &SetSettings, now: Moment) -> bool {
         self.with(settings).any(|(controller, settings)| controller.state().may_write(settings, now))
     }
@@ -166,7 +167,8 @@ impl SetMembers {
         wakes.min()
     }
 
-    /// Returns the outputs as [`Transaction`] needs them.
+    /// Returns the state of each output as [`Transaction`] needs it: register value, permission to write, and whether
+    /// the control may still have to take this value.
     pub(super) fn views(&self, settings: &SetSettings) -> Vec<Member> {
         let view = |(one, settings): (&Controller, _)| Member {
             held: one.held(settings),

@@ -61,7 +61,8 @@ impl WrittenWords {
         settings.refresh.map(|refresh| self.written_at.after(refresh))
     }
 
-    /// Returns a copy in which `to` is applied to every moment.
+    /// Returns a copy in which `to` is applied to every moment, for the comparison of two states that differ only in
+    /// time.
     pub(super) fn moved(&self, to: impl Fn(Moment) -> Moment) -> WrittenWords {
         WrittenWords { written_at: to(self.written_at), ..*self }
     }

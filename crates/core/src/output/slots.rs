@@ -19,7 +19,7 @@ pub struct Slots<T, const N: usize> {
 }
 
 impl<T: Copy, const N: usize> Slots<T, N> {
-    /// Number of items.
+    /// Returns the number of items in the list.
     pub fn len(&self) -> usize {
         self.len
     }

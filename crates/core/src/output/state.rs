@@ -188,7 +188,7 @@ impl State {
         (self.promised, self.promised_until) = (None, None);
         let is_writing = self.being_written().is_some();
         let current = self.verified.map(|verified| verified.value);
-        // A repeat of the register value that was answered as done has changed nothing.
+        // An acknowledged write of the value that the register held before has changed nothing.
         let is_repeat = |sent: &InFlightWrite| sent.answered.is_some() && Some(sent.value) == current;
         let in_order = !is_writing && self.copies.under_way().all(is_repeat) && self.settles_at.is_none();
         let kept = SavedOutput { in_order, ..self.kept() };

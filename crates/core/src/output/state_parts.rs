@@ -117,8 +117,8 @@ pub(super) enum WriteFailure {
     Ignored,
 }
 
-/// Decision of the axis that is to be carried out. The offset is counted from the bias, or in a shared register from
-/// the operator offset.
+/// Decision of the axis that must be carried out. The offset is counted from the bias (register value for an offset of
+/// zero), or in a shared register from the operator offset.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub(super) struct Setpoint {
     pub(super) offset: Counts,

@@ -72,7 +72,7 @@ pub(super) struct Transaction {
     next_number: NextNumber,
 }
 
-/// Output of an output set, as the transfer needs it.
+/// State of one output of an output set, as the transfer of the set needs it.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Member {
     /// Last verified register value.
@@ -181,7 +181,7 @@ impl Transaction {
                 numbers.change_values();
             }
         } else if let Some(number) = number {
-            // An earlier attempt with this number may arrive first. The control then takes that one instead.
+            // An earlier attempt with this number may arrive first. The control then takes the values of that attempt.
             let is_other = |(tried, with): &(u16, Vec<Counts>)| *tried == number && *with != values;
             if self.unanswered.as_ref().is_some_and(is_other) {
                 self.next_number = NextNumber::PerhapsOld;
@@ -206,7 +206,7 @@ impl Transaction {
         }
         let Some(numbers) = &mut self.numbers else { return };
         if !numbers.result(attempt) && attempt == Attempt::Acknowledged {
-            // The same values follow with the next number.
+            // The same values are sent again with the next number.
             self.next_number = NextNumber::PerhapsOld;
         }
     }

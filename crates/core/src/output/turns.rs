@@ -27,7 +27,7 @@ impl Turns {
     /// Counts a verified change of this gateway.
     pub(super) fn ours(&mut self) {
         self.since = self.since.map(|since| since.saturating_add(1));
-        // Changes are counted only after the first one by another client.
+        // Changes of this gateway are counted only after the first change by another client.
         self.ours = self.ours.saturating_add(u8::from(self.others > 0));
         self.compare();
     }

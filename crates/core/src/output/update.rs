@@ -99,7 +99,7 @@ fn take(state: &mut State, settings: &Settings, fact: Fact, now: Moment) -> Opti
             let is_barred = matches!(state.standing, ArmState::Barred | ArmState::Confirming(_));
             switch_off(state, if is_barred { ArmState::Barred } else { ArmState::Off });
         }
-        // Not requested.
+        // This exchange was not requested.
         Fact::Read { .. } | Fact::NoAnswer | Fact::Kept | Fact::NotKept => {}
     }
     None
@@ -353,7 +353,8 @@ fn not_written(state: &mut State, settings: &Settings, now: Moment) -> Option<Co
 
 fn switch_off(state: &mut State, to: ArmState) {
     if to == ArmState::Barred {
-        // The operator may now enter any value, including one under way. Such a value must not end a copy.
+        // The operator may now enter any value, even a value that the gateway has sent and that may still arrive. A
+        // read of such a value does not prove that the gateway's write has arrived.
         state.copies.pin();
     }
     state.standing = to;

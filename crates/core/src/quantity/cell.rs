@@ -277,7 +277,7 @@ const ATTACHED: [&str; 16] = [
 /// Returns a unit in small letters, and in one of its spellings: `º C` becomes `°c`.
 #[must_use]
 pub fn spelled(unit: &str) -> String {
-    // Keyboards have the sign of an ordinal, and a ring, beside the sign of a degree.
+    // People also type the ordinal sign or the ring above instead of the degree sign.
     let unit = unit.to_lowercase().replace(['º', '˚'], "°");
     match unit.as_str() {
         "° c" | "deg. c" | "deg.c" | "grad c" | "grad celsius" | "degrees c" | "deg celsius" | "°celsius" => {

@@ -148,7 +148,7 @@ impl Dialect {
         self.is_unclear = has_groups_only.iter().zip(&has_whole).any(|(groups, whole)| *groups && *whole);
     }
 
-    /// Returns the separator of columns.
+    /// Returns the character that separates the columns, as a byte.
     #[must_use]
     pub fn separator(&self) -> u8 {
         self.separator

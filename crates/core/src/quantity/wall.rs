@@ -25,7 +25,7 @@ pub enum DateOrder {
     MonthFirst,
 }
 
-/// Time that was read from a cell.
+/// Result of reading a time from a cell of a log: a date with a time, or a time without a date.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Read {
     /// Date and time in an unknown time zone.
@@ -52,7 +52,7 @@ pub(super) fn read(text: &str, order: Option<DateOrder>) -> Option<Result<Read, 
     }
     let one_word = one_word(text);
     let spaced = one_word.as_deref().unwrap_or(text);
-    // A month such as `OCT` contains a T.
+    // A blank is tried before `T`, because the name of a month may contain a T, for example `OCT`.
     let (date, time) = (spaced.split_once(' ').filter(|(date, _)| !date.contains(':')))
         .or_else(|| spaced.split_once('T'))?;
     let clock = Clock::of(time)?;
@@ -60,7 +60,7 @@ pub(super) fn read(text: &str, order: Option<DateOrder>) -> Option<Result<Read, 
         && clock.is_of_half_days
         && date.find('/').is_some_and(|at| at < 4)
         && self::order(text).is_none();
-    // `31/01/2026 6:00 PM` has one reading.
+    // `31/01/2026 6:00 PM` can be read in only one way.
     let order =
         order.or_else(|| self::order(text)).or(clock.is_of_half_days.then_some(DateOrder::MonthFirst));
     Some(match parse_date(date.trim_end_matches(','), order, text)? {

@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-/// Status code of OPC UA. Its two highest bits give the severity.
+/// Status code of OPC UA. Its two highest bits give the severity: good, uncertain or bad.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Status(pub u32);
 

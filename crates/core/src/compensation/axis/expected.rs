@@ -1,5 +1,6 @@
 //! Expected error of the model in use. It depends on the time since its datum (zero point), on the time since the last
-//! probing, and on the residuals of its last probings.
+//! probing, and on the residuals of its last probings. A probing measures the error that remains. The envelope is the
+//! region of inputs on which the model was identified.
 
 use std::time::Duration;
 

@@ -1,5 +1,6 @@
-//! Probings of an axis. The axis checks each measured error and corrects its models with it, or discards all
-//! corrections on demand. With a new datum (zero point of Cz), the corrections start again from zero.
+//! Probings of an axis: measurements of the error that remains. The axis checks each measured error and corrects its
+//! models with it, or discards all corrections on demand. With a new datum (zero point of Cz), the corrections start
+//! again from zero. The envelope of a model is the region of inputs on which the model was identified.
 
 use std::time::Duration;
 
@@ -149,7 +150,8 @@ impl Axis {
     }
 
     /// Returns the errors of a probing, without compensation and with this model, and whether the model accepts the
-    /// probing. `None` while a reference of the model is being captured, or if the axis would keep its value.
+    /// probing. `None` while a reference of the model is being captured. Also `None` if the axis would keep its value,
+    /// because the inputs are outside the envelope.
     fn touch(
         &self,
         place: usize,
@@ -200,8 +202,8 @@ impl Axis {
         self.probe.models = models;
     }
 
-    /// Returns this Cz minus the Cz of the model without its correction, µm. `None` if the model has no value, or if
-    /// the axis does not follow its value.
+    /// Returns the correction with which the model would request the value `cz`, µm. `None` if the model has no value,
+    /// or if the axis does not follow the model.
     fn missing(&self, place: usize, cz: Micron, snapshot: &Snapshot<'_>, machine: &Machine) -> Option<f64> {
         if !self.is_ranked(place) {
             return None;

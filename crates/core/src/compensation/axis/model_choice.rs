@@ -20,7 +20,8 @@ pub(in crate::compensation) struct ModelChoice {
     pub(in crate::compensation) raw: Micron,
     /// Correction from probings, which `raw` contains.
     pub(super) correction: Micron,
-    /// Effect of the slope at the axis's largest distance from the reference position.
+    /// Part of the compensation that depends on the position (slope times distance), at the axis's largest distance
+    /// from the reference position.
     pub(super) slope: Micron,
     /// Position of the inputs: inside the envelope (region on which the model was identified), or how far outside.
     pub(super) coverage: Option<Coverage>,
@@ -147,8 +148,8 @@ impl ModelRequest {
         ModelRequest { cz: cz * found.gain, slope: slope * found.gain, gain: 1.0, coverage }
     }
 
-    /// Returns Cz with this correction, and the effect of the slope at the distance `reach`, mm. `None` if a result is
-    /// not finite.
+    /// Returns Cz with this correction, and the position-dependent part of the compensation: the slope times the
+    /// distance `reach`, mm. `None` if a result is not finite.
     pub(super) fn target(&self, correction: f64, reach: f64) -> Option<(Micron, Micron)> {
         let cz = Micron::new((self.cz + correction) * self.gain)?;
         Some((cz, Micron::new(self.slope * self.gain * reach)?))

@@ -1,5 +1,6 @@
 //! Order of an axis's models, and changes of the preferred model. At such a change, the Cz of the axis stays the same.
 //! The preferred model is a model of the profile, or the learned model in the slot (a model whose gains are learned).
+//! The envelope of a model is the region of inputs on which the model was identified.
 
 use super::Axis;
 use super::model_choice::ModelChoice;
@@ -13,7 +14,7 @@ use crate::compensation::{Permit, Snapshot};
 /// Values that keep Cz the same when another model becomes the preferred model.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 struct KeptCz {
-    /// Offset of the new model, µm.
+    /// Offset that becomes the correction of the new model, µm.
     offset: f64,
     /// Change of Cz by the datum (zero point of Cz) of the new model, µm. Zero unless the axis has the datum "zero".
     raised: f64,
@@ -101,14 +102,14 @@ impl Axis {
         let before = self.choose(snapshot, machine).0;
         let gains = match (change.to.learned(), self.settings.models.get(place)) {
             (None, _) => None,
-            // After a restart, the inputs of a model that waits may be others.
+            // After a restart, the slot may lack an input of the learned model that waits.
             (Some(learned), Some(slot)) => match learned.gains_in(slot) {
                 Ok(gains) => Some(gains),
                 Err(_) => return,
             },
             (Some(_), None) => return,
         };
-        // Without a model of its own, the axis has none after the change.
+        // If the profile has no model for the axis, the axis cannot return to such a model.
         let to = match &change.to {
             Preferred::Learned(_) => Some(place),
             Preferred::Profile => (0..self.settings.models.len()).find(|own| *own != place),
@@ -120,7 +121,7 @@ impl Axis {
             Some(kept) => {
                 let (from, model) = (before.map_or(to, |before| before.model), &self.settings.models[to]);
                 let correction = self.probe.models[from].moved_to(model, &settings, kept.offset);
-                // A capture of the references of the new model goes on.
+                // A running capture of the references of the new model continues.
                 let renewal = self.probe.models[to].renewal();
                 self.probe.models[to] = correction;
                 if let Some(complete) = renewal {
@@ -154,7 +155,7 @@ impl Axis {
             if self.settings.datum != Datum::Zero {
                 return Some(KeptCz::default());
             }
-            // The captured datum is that of a model without gains.
+            // The datum of the slot was captured while its gains were zero.
             let asked = self.asked(to, self.evaluate(to, snapshot, machine).ok()?);
             return Some(KeptCz { offset: 0.0, raised: -asked.cz });
         };

@@ -17,9 +17,8 @@ pub(in crate::compensation) struct ModelWatch {
     /// Signals that the model reads.
     reads: Vec<SignalId>,
     pub(in crate::compensation) watch: Option<Watch>,
-    /// Substitutes for the readings of two kinds of sensors. The first are rejected by the model's own watch (sensor
-    /// check). The others were found lost by the watch of another model. The list has room for the sensors of all
-    /// watches.
+    /// Substitutes for rejected readings. The model's own watch (sensor check) rejects some of these sensors. The watch
+    /// of another model has found the others lost. The list has room for the sensors of all watches.
     substitutions: Vec<Substitution>,
 }
 

@@ -76,7 +76,7 @@ impl Model {
             lag
         });
         let lags: Vec<Lag> = lags.collect();
-        // A formula has no lag. The time since machine start that it uses is the present one.
+        // A formula has no lag, and uses the present time since machine start.
         let is_late = self.rises().any(|input| input.lag.is_some());
         let snapshot = if is_late { later } else { begin };
         self.outputs(&Inputs { snapshot, lags: &lags, ..*inputs }).ok().map(|outputs| outputs.cz.get())

@@ -5,7 +5,7 @@ use crate::compensation::Snapshot;
 use crate::quantity::{Micron, MicronPerMillimetre};
 use crate::reading::SignalId;
 
-/// Interface of every kind of model.
+/// Interface of every kind of model: the values that a model requests, its signals, and its inputs that may lag.
 pub trait Evaluate {
     /// Returns the values that the model requests, from good readings only.
     ///

@@ -82,7 +82,7 @@ impl Expression {
         parser::parse(text, resolve).map(|operations| Expression { text: text.to_owned(), operations })
     }
 
-    /// Returns the expression as the profile contains it.
+    /// Returns the text of the expression, as the profile contains it.
     pub fn text(&self) -> &str {
         &self.text
     }

@@ -99,13 +99,13 @@ impl Input {
         let SubstituteSource::Predictors { value, rise } = substitution.source else { return None };
         let captured = machine.captured(self.reference, self.signal);
         match self.reference {
-            // A predicted rise needs no captured reference. The square of a value does.
+            // A predicted rise is used without a captured reference. The square of a value requires the reference.
             Reference::Start => {
                 let unread = CapturedReference { value: Celsius::ZERO, at: Moment::default() };
                 let start = if self.squared { captured? } else { captured.unwrap_or(unread) };
                 Some((start.value.get() + rise, start))
             }
-            // A zero that was captured since then is unknown.
+            // A "zero" reference is only valid if it was captured while the sensor still worked.
             Reference::Zero => {
                 let is_known = |zero: &CapturedReference| {
                     zero.at <= substitution.since && !machine.is_zeroed_again(self.signal)

@@ -284,7 +284,7 @@ fn bend(x: f64) -> f64 {
 mod tests {
     use super::*;
 
-    /// Returns the two factors of [`long`] from their power series, to the last digit.
+    /// Returns the two factors of [`long`] from their power series, with full double precision.
     fn exact(share: f64) -> (f64, f64) {
         let (mut term, mut gone) = (share, share);
         let (mut part, mut along) = (share / 2.0, share / 2.0);

@@ -68,7 +68,7 @@ impl Matrix {
         &self.inputs
     }
 
-    /// Returns the signal of the axis position.
+    /// Returns the signal of the axis position, mm.
     pub fn position(&self) -> SignalId {
         self.position
     }

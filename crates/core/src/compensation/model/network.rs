@@ -51,7 +51,7 @@ impl Net {
         }
     }
 
-    /// Returns a description of the network for display.
+    /// Returns a description of the network for display, for example `back-propagation network 30-16-1`.
     pub fn what(&self) -> String {
         match self {
             Net::Layers(layers) => format!("back-propagation network {}", layers.shape()),

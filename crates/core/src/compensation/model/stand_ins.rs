@@ -19,7 +19,7 @@ pub struct StandIns {
     /// Inputs (other sensors with their lags) that the predictions use. An input of several predictions is listed only
     /// once.
     bank: Vec<Predictor>,
-    /// Fingerprint of the stand-ins file. A state that was saved with another file is not used.
+    /// Fingerprint (hash) of the stand-ins file. A state that was saved with another file is not used.
     fingerprint: u64,
 }
 
@@ -111,7 +111,7 @@ impl StandIns {
         StandIns { sensors, bank, fingerprint }
     }
 
-    /// Returns the fingerprint of the stand-ins file.
+    /// Returns the fingerprint (hash) of the stand-ins file.
     pub fn fingerprint(&self) -> u64 {
         self.fingerprint
     }

@@ -1,4 +1,4 @@
-//! Certainty of a model's correction, and the weight that it gives to a new probing.
+//! Certainty of a model's correction, and the weight that it gives to a new probing (measured error of the axis).
 //!
 //! The right correction drifts. Between two probings the variance P of the correction grows by q for each hour, from 0
 //! at the datum (zero point of Cz). A probing has its own variance σ². The fraction K of its residual r that is added

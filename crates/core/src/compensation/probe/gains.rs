@@ -1,4 +1,5 @@
-//! Estimation of the gains of a linear model from probings, by recursive least squares with forgetting.
+//! Estimation of the gains of a linear model from probings (measured errors of the axis), by recursive least squares
+//! with forgetting.
 //!
 //! The estimate is the relative error θ of each gain. φ is the contribution of each term to the model's present Cz. The
 //! correction should be `Σ θ·φ + b`. The offset b is estimated together with the gains, so that a constant error does

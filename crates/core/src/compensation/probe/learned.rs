@@ -1,5 +1,5 @@
-//! Correction of one model from probings: an offset, its certainty, and corrections of the gains of its terms if the
-//! profile allows them.
+//! Correction of one model from probings (measured errors of the axis). It consists of an offset, its certainty, and
+//! corrections of the gains of its terms if the profile allows them.
 
 use serde::{Deserialize, Serialize};
 

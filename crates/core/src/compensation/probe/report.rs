@@ -240,7 +240,7 @@ impl TakenReports {
         if let Some(datum) = datum.filter(|datum| time < *datum) {
             return Err(Rejected::BeforeDatum { time, datum });
         }
-        // Every forgotten report arrived before the oldest one that is left.
+        // Every forgotten report arrived before the oldest report that is still stored.
         let oldest = self.0.first().filter(|_| self.0.len() >= KEPT);
         match oldest.filter(|oldest| time <= oldest.at.shifted(shift).after(AHEAD)) {
             Some(_) => Err(Rejected::Forgotten(time)),

@@ -16,9 +16,9 @@ const FORGOTTEN: u32 = 5;
 /// Tolerated distance of a predictor from its range, as a fraction of the range's width. It is larger than one count of
 /// a sensor and the rounding of a file.
 pub(super) const EDGE: f64 = 0.01;
-/// Tolerated distance from the range, as a fraction of the range's width, of a predicted sensor and of the rise of a
-/// lagged predictor. It is large because a slow lag returns long after its sensor. It also applies to the predictors of
-/// a prediction that only serves as the start value of later comparisons.
+/// Tolerated distance of a predicted sensor, and of the rise of a lagged predictor, from its range, as a fraction of
+/// the range's width. It is large because a slow lag returns long after its sensor. It also applies to the predictors
+/// of a prediction that only serves as the start value of later comparisons.
 pub(super) const FAR: f64 = 0.10;
 
 /// State of one input of the predictions.
@@ -43,7 +43,7 @@ pub(super) struct BankInput {
 
 shifted!(BankInput: lag, ready);
 
-/// Mean of a number of values.
+/// Mean of the values added so far, stored as their sum and their number.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(super) struct Mean {
     sum: f64,

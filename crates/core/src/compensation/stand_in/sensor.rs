@@ -1,5 +1,6 @@
 //! State of one sensor that a watch checks. A watch detects frozen and lost sensors, and estimates stand-ins for their
-//! readings from other sensors, the predictors.
+//! readings from other sensors, the predictors. x̂ is the rise of the sensor since machine start, as its predictors
+//! predict it. A shadow is a copy of a lag that follows the prediction instead of the reading.
 
 use std::time::Duration;
 

@@ -104,7 +104,7 @@ impl Onnx {
         let graph = Arc::new(Graph { model, input, output, pool });
         let onnx = Onnx { graph, takes, shape: [1, takes], flat, columns, fingerprint: hasher.finish() };
         trial::run(&bytes, &onnx.graph, onnx.row(&[0.0; WIDEST][..takes]), &onnx.graph.options())?;
-        // The output may differ from what the file says, so the graph is run.
+        // The output may differ from its declaration in the file, so the graph is computed once.
         let values = onnx.run(&[0.0; WIDEST][..takes])?;
         match values.len() {
             1 => Ok(onnx),

@@ -64,7 +64,7 @@ fn fills(bytes: &[u8], message: Message, depth: u32, seen: &mut dyn FnMut(u64)) 
 /// Iterator over the fields of a message, with their numbers. A damaged field yields `None`, and ends the iteration.
 pub(super) struct Fields<'a>(pub(super) &'a [u8]);
 
-/// Content of a field of a message.
+/// Content of a field of a message: a number of variable length, bytes, or a number of fixed length.
 #[derive(Clone, Copy)]
 pub(super) enum Field<'a> {
     Number(u64),

@@ -8,7 +8,7 @@ macro_rules! operators {
         /// Names of the supported operators.
         pub(super) const SUPPORTED: &[&str] = &[$(stringify!($name)),*];
 
-        /// Returns the supported operators.
+        /// Returns the registry of the supported operators, with which the ONNX runtime loads a file.
         pub(super) fn operators() -> OpRegistry {
             OpRegistry::with_ops(&[$(&op_types::$name),*])
         }

@@ -32,7 +32,7 @@ pub(super) struct Rewritten {
     pub(super) columns: Vec<String>,
 }
 
-/// Nodes and tensors that replace one node.
+/// Encoded nodes and tensors that replace one node of the file.
 #[derive(Default)]
 struct Replacement {
     nodes: Vec<Vec<u8>>,
@@ -146,7 +146,7 @@ fn is_column(input: &[u8]) -> bool {
     let Some(tensor) = tensor_type(input) else { return false };
     let dimensions = parts(tensor, 2).flat_map(|shape| parts(shape, 1));
     let sizes: Vec<Option<u64>> = dimensions.map(|dimension| first_number(dimension, 1)).collect();
-    // Single and double precision, and integers: whatever they are, they are numbers of the gateway.
+    // Single precision, integers of 32 and 64 bits, and double precision: the gateway can pass each of them.
     matches!(tensor_kind(input), Some(1 | 6 | 7 | 11)) && matches!(sizes[..], [None | Some(1), Some(1)])
 }
 
@@ -353,7 +353,7 @@ fn imputer(node: &Node<'_>) -> Result<Replacement, String> {
     ))
 }
 
-/// Node of the graph in the file.
+/// Node of the graph in the file: its encoded message, its operator, and the names of its inputs and its output.
 struct Node<'a> {
     message: &'a [u8],
     domain: &'a str,

@@ -134,8 +134,9 @@ fn asks(node: &Node<'_>, shapes: &[Vec<usize>]) -> u64 {
     }
 }
 
-/// Returns the shape of a stack of matrices without their rows and columns, then the numbers of rows and columns. A
-/// tensor of one dimension is a single row if `vector` is `[1, 0]`, else a single column.
+/// Returns how a matrix multiplication uses a tensor of this shape: all dimensions except the last two, then the
+/// numbers of rows and columns. A tensor of one dimension is a single row if `vector` is `[1, 0]`, else a single
+/// column.
 fn matrix(shape: &[usize], transposed: bool, vector: [usize; 2]) -> (&[usize], usize, usize) {
     let (rows, columns) = match shape {
         [] => (1, 1),
@@ -165,7 +166,7 @@ fn sizes_of(shape: Vec<Dimension>) -> Option<Vec<usize>> {
     shape.into_iter().map(size).collect()
 }
 
-// ---- what the file says, by the numbers of `onnx.proto` ----------------------------------------------------------------
+// ---- content of the file, by the field numbers of `onnx.proto` -----------------------------------------------------
 
 fn graph(bytes: &[u8]) -> impl Iterator<Item = &[u8]> {
     parts(bytes, 7)
