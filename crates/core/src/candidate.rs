@@ -87,7 +87,7 @@ pub struct Offer {
     pub name: String,
     /// Number of runs from which the candidate was learned.
     pub runs: usize,
-    /// Terms, whose sum is Cz.
+    /// Terms of the candidate, whose sum is Cz. Terms with a gain of zero are left out.
     pub terms: Vec<OfferedTerm>,
     /// Comparison of the candidate with the model in use, over the last judged days.
     pub judgement: Judgement,
@@ -214,7 +214,7 @@ impl Judgement {
         sum(|day| day.candidate) < (1.0 - ROUNDING) * sum(|day| day.in_use)
     }
 
-    /// Returns the next step with the candidate.
+    /// Returns the next step with the candidate: [`Step::Keep`] unless the candidate is better than the model in use.
     pub fn decide(&self, policy: Policy, occasion: Occasion) -> Step {
         let Some(gain) = self.gain().filter(|_| self.is_better()) else { return Step::Keep };
         match (policy, occasion) {

@@ -54,7 +54,7 @@ pub enum Continuity {
 pub enum Break {
     /// The gateway has just started.
     Start,
-    /// A connection was refused.
+    /// The device refused a connection.
     Refused,
     /// A connection was reset, or closed without an answer.
     ConnectionLost,
@@ -157,7 +157,7 @@ impl DeviceContinuity {
         }
     }
 
-    /// Returns the state of the device.
+    /// Returns the state of the device: confirmed, unconfirmed or changed.
     pub fn state(&self) -> &Continuity {
         &self.state
     }

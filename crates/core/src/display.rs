@@ -62,9 +62,9 @@ pub enum Display {
 pub enum Tone {
     /// The axis is compensated.
     Good,
-    /// The operator should notice the state.
+    /// The operator should notice the state, for example that a fallback model is used.
     Warning,
-    /// The operator should act on the state.
+    /// The operator should act on the state, for example because a device does not answer.
     Bad,
     /// The gateway writes nothing for the axis. This is not a fault.
     Off,
@@ -82,7 +82,7 @@ impl Tone {
     }
 }
 
-/// Requested mode of an axis.
+/// Requested mode of an axis: wait for arming, follow the model, or check the sign.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Intent {
     /// No mode: the profile has no model for the axis. If the axis is armed, its Cz returns to zero after a sign check.
@@ -134,12 +134,12 @@ impl Display {
         self.entry().1
     }
 
-    /// Returns the English text for the operator.
+    /// Returns the English text for the operator, for example `fallback model`.
     pub fn words(self) -> &'static str {
         self.entry().2
     }
 
-    /// Returns the severity of the state.
+    /// Returns the severity of the state, which determines its colour on the web page.
     pub fn tone(self) -> Tone {
         self.entry().3
     }

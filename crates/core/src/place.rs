@@ -34,7 +34,7 @@ pub enum Part {
     Unit,
     /// Register, CANopen object, CAN frame or OPC UA node.
     Address,
-    /// Type and byte order of the value.
+    /// Type and byte order of the value in the registers.
     Type,
     /// Units per count of the register.
     Scale,
@@ -46,7 +46,7 @@ pub enum Part {
     Share,
     /// Quantity that the output writes, for example an offset.
     Writes,
-    /// Axis of the output.
+    /// Axis whose Cz the output writes.
     Axis,
     /// Whether the written value is a diameter, which contains twice Cz.
     Diameter,
@@ -88,7 +88,7 @@ pub struct OutputPlace {
     pub unit: u8,
     /// Register, CANopen object, CAN frame or OPC UA node.
     pub address: String,
-    /// Type and byte order of the value.
+    /// Type and byte order of the value in the registers.
     #[serde(rename = "type")]
     pub layout: String,
     /// Units of the value per count of the register.
@@ -99,7 +99,7 @@ pub struct OutputPlace {
     pub share: Owner,
     /// Quantity that the output writes, for example an offset.
     pub writes: String,
-    /// Axis of the output.
+    /// Axis whose Cz the output writes.
     pub axis: String,
     /// Whether the written value is a diameter, which contains twice Cz.
     pub diameter: bool,
@@ -115,7 +115,7 @@ pub struct SignalPlace {
     pub unit: u8,
     /// Register, CANopen object, CAN frame, OPC UA node, or sensor of this computer.
     pub address: String,
-    /// Type and byte order of the value.
+    /// Type and byte order of the value in the registers.
     #[serde(rename = "type")]
     pub layout: String,
     /// Units of the value per count of the register.
@@ -275,7 +275,7 @@ impl KnownOutput {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct FormerPlace {
-    /// Name of the output.
+    /// Name of the output, also if the profile no longer contains it.
     pub output: String,
     /// Place that the output had before the profile moved or removed it.
     pub place: OutputPlace,

@@ -22,7 +22,7 @@ pub struct Reading {
     pub value: f64,
     /// Time of measurement.
     pub at: Moment,
-    /// Whether the value may be used.
+    /// Quality: whether the value may be used, and if not, why.
     pub quality: Quality,
 }
 
@@ -101,7 +101,7 @@ pub enum Reason {
     /// The memory of the 1-Wire sensor reads zero, including its checksum: its bus line is shorted, or the sensor has
     /// no power.
     AllZero,
-    /// The device did not answer in time.
+    /// The device did not answer within the timeout of the request.
     Timeout,
     /// The gateway has no connection to the device.
     LinkDown,
@@ -132,7 +132,7 @@ impl Reading {
     /// Reading of a signal that has not been read yet.
     pub const NEVER: Reading = Reading::bad(Moment::from_nanos(0), Reason::NeverRead);
 
-    /// Creates a good reading.
+    /// Creates a reading with this value, which may be used.
     pub const fn good(value: f64, at: Moment) -> Reading {
         Reading { value, at, quality: Quality::Good }
     }

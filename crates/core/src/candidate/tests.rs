@@ -1,4 +1,4 @@
-//! Judgement of a candidate, and decision about its adoption.
+//! Tests of the judgement of a candidate, and of the decision about its adoption.
 
 use std::time::Duration;
 

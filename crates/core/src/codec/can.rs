@@ -13,7 +13,7 @@ pub struct CanId {
 /// Filter of CAN frames: an identifier matches if it equals `id` in the bits of `mask`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct CanMatch {
-    /// Identifier to compare with.
+    /// Identifier with which the identifier of a frame is compared.
     pub id: CanId,
     /// Bits of the identifier that are compared: all bits, except in a filter for a J1939 parameter group.
     pub mask: u32,

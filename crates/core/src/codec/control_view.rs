@@ -32,7 +32,7 @@ pub struct ControlView {
     pub limit: Micron,
 }
 
-/// Reason why registers must not be sent.
+/// Reason why registers must not be sent to the control.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Inadmissible {
     /// The registers hold NaN, infinity or a sentinel (a value that means "no measurement"), or the number of registers

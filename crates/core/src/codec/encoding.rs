@@ -21,13 +21,13 @@ pub enum WordOrder {
 /// Conversion between registers and an engineering value: `value = raw · scale + offset`.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Encoding {
-    /// Type of the raw value.
+    /// Type of the raw value in the registers, for example `i16`.
     pub data_type: DataType,
     /// Order of the registers. It has no effect on a value of one register.
     pub word_order: WordOrder,
     /// Whether the two bytes of each register are exchanged.
     pub byte_swap: bool,
-    /// Engineering units per count.
+    /// Scale: engineering units per count of the raw value.
     pub scale: Scale,
     /// Engineering value of a raw count of zero.
     pub offset: f64,

@@ -22,7 +22,7 @@ pub struct Field {
 /// Multiplexer: a value in a frame that selects which fields the frame contains.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub struct Selector {
-    /// Bits of the multiplexer.
+    /// Bits of the multiplexer in the frame.
     pub bits: BitField,
     /// Ranges of values, smallest and largest, for which the frame contains the field.
     pub values: Vec<(u64, u64)>,

@@ -87,7 +87,7 @@ pub enum Identifier {
 /// Node with the type that its value is expected to have.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub struct Node {
-    /// Identifier of the node.
+    /// Identifier of the node with its namespace, for example `ns=2;s=/Nck/State`.
     pub id: NodeId,
     /// Type of the value. If `None`, any number is accepted and converted to `f64`, even a text that contains only a
     /// number.
@@ -99,7 +99,7 @@ pub struct Node {
 /// Number with its type, as an OPC UA server sends or receives it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Scalar {
-    /// Type of the number.
+    /// Type of the number, which determines the meaning of its bits.
     pub data_type: DataType,
     /// Bits of the number, as [`DataType::encode`] expects them.
     pub bits: u64,

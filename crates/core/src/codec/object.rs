@@ -31,7 +31,7 @@ impl fmt::Display for Entry {
 pub struct Object {
     /// Entry in the node's object dictionary.
     pub entry: Entry,
-    /// Type of the value, always whole bytes.
+    /// Type of the value. It always has a whole number of bytes, because an SDO transfers bytes.
     pub data_type: DataType,
 }
 

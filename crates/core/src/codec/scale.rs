@@ -1,4 +1,4 @@
-//! Scales: engineering units per count.
+//! Scales, which convert raw counts to engineering units. A scale is the number of units per count.
 
 use super::float::same;
 

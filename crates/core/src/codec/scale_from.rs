@@ -20,7 +20,7 @@ pub struct ScaleFrom {
     pub address: Register,
     /// Encoding of the exponent in this register. Its scale is 1.
     pub encoding: Encoding,
-    /// Meaning of the number in the register.
+    /// Meaning of the number in the register: a power of ten, or a number of decimals.
     pub meaning: ScaleMeaning,
 }
 
@@ -155,7 +155,7 @@ mod tests {
             (0xffff, Ok(-1), Err(Reason::NoScale)),
             (0xfff6, Ok(-10), Err(Reason::NoScale)),
             (0xfff5, Err(Reason::NoScale), Err(Reason::NoScale)),
-            // The number of SunSpec for a value that the device does not have.
+            // SunSpec sends this number for a value that the device does not have.
             (0x8000, Err(Reason::NoScale), Err(Reason::NoScale)),
             (0x0100, Err(Reason::NoScale), Err(Reason::NoScale)),
         ] {

@@ -184,7 +184,7 @@ fn decimal_digits_and_sign_and_magnitude_become_the_numbers_that_devices_mean() 
         (DataType::Bcd(4), &[0x1234], Ok(1234.0)),
         (DataType::Bcd(4), &[0x9999], Ok(9999.0)),
         (DataType::Bcd(8), &[0x0012, 0x3456], Ok(123_456.0)),
-        // The digits A to F are no decimal digits.
+        // The digits A to F are not decimal digits.
         (DataType::Bcd(4), &[0x123a], Err(Reason::NotANumber)),
         (DataType::Bcd(8), &[0xffff, 0x0000], Err(Reason::NotANumber)),
         (DataType::SignMagnitude(16), &[0x00eb], Ok(235.0)),

@@ -9,7 +9,7 @@ use crate::quantity::Micron;
 /// Input of an axis for one step, besides the readings: its permission to write, and requests of the operator.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Control {
-    /// Whether the axis may decide and write.
+    /// Permission of the axis: whether it may decide and write, and if not, why.
     pub permit: Permit,
     /// Cz in the register, from which the axis resumes. This field is set when the axis is armed, and when an output
     /// recovers.

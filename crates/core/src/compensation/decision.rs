@@ -37,7 +37,7 @@ pub struct Decision {
     /// Target of the position-dependent part of the compensation (slope times largest distance), within the limit.
     #[serde(default)]
     pub slope_target: Micron,
-    /// State of the axis.
+    /// State of the axis after the decision, for example that it follows its preferred model.
     pub state: AxisState,
     /// Limits of the axis (limit, deadband, step, rate, rounding) that changed the requested value.
     pub acted: Stages,

@@ -20,7 +20,7 @@ mod deadband;
 pub struct Stages(u8);
 
 impl Stages {
-    /// The model requested more than the limit.
+    /// The model requested more than the limit, so the value was reduced to the limit.
     pub const LIMIT: Stages = Stages(1);
     /// The change was smaller than the deadband and was not made.
     pub const DEADBAND: Stages = Stages(2);
@@ -28,7 +28,7 @@ impl Stages {
     pub const STEP: Stages = Stages(4);
     /// The change was reduced to the largest speed (`rate`).
     pub const RATE: Stages = Stages(8);
-    /// The value was rounded to whole counts.
+    /// The value was rounded to whole counts of the register.
     pub const ROUND: Stages = Stages(16);
 
     /// All stages with their names, in the order in which they act.

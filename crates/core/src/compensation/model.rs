@@ -40,7 +40,7 @@ use crate::reading::SignalId;
 pub struct Model {
     /// Name of the model in the profile, on the web page, and in the log (column `z_model` for an axis z).
     pub name: String,
-    /// Kind of the model.
+    /// Kind of the model (linear, formula, matrix or network), with its numbers.
     pub kind: Kind,
     /// Region on which the model was identified, if the profile states a region.
     pub envelope: Option<Envelope>,

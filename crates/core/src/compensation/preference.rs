@@ -81,7 +81,7 @@ pub enum When {
     AtDatum,
 }
 
-/// Requested change of the preferred model.
+/// Requested change of the preferred model, with the time at which it takes effect.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Change {
     /// Model that is preferred after the change.
@@ -97,7 +97,7 @@ pub struct Change {
 pub enum Unfit {
     /// The axis does not learn a model, so it has no learned model to prefer.
     NoSlot,
-    /// The models of the profile have changed.
+    /// The models of the profile have changed, so that the change does not belong to them.
     OtherProfile,
     /// A term has an input that the slot does not have, or a gain that is not finite.
     UnknownInput,
@@ -206,7 +206,8 @@ impl Preference {
         self.waiting.take_if(|change| at_datum || change.when == When::Now)
     }
 
-    /// Records that a change has taken effect.
+    /// Records that a change has taken effect, so that `to` is now the preferred model. The former preferred model is
+    /// stored.
     pub(super) fn changed(&mut self, to: Preferred) {
         self.before = Some(std::mem::replace(&mut self.preferred, to));
     }

@@ -61,7 +61,7 @@ pub struct Measured {
     pub acting: Option<Micron>,
 }
 
-/// Result of a probing.
+/// Result of a probing: the measured error, and how the axis has used it.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Probed {
     /// Time at which the axis received the probing.

@@ -18,7 +18,7 @@ pub struct AxisSettings {
     /// Models in order of preference. The axis uses the first model whose signals are all good. Empty before a model
     /// has been identified.
     pub models: Vec<Model>,
-    /// Bounds of Cz and its changes.
+    /// Bounds of Cz and its changes: limit, step, rate, deadband and count.
     pub guard: GuardSettings,
     /// Time between two decisions of the axis.
     pub every: Duration,
@@ -207,7 +207,7 @@ pub struct GuardSettings {
     pub step: Micron,
     /// Largest speed at which Cz changes.
     pub rate: MicronPerSecond,
-    /// Smallest change of Cz that is made.
+    /// Smallest change of Cz that is made. The axis ignores a smaller change of its target.
     pub deadband: Micron,
     /// One count of the register in µm of Cz; `None` if the register accepts fractions.
     pub count: Option<Micron>,

@@ -108,7 +108,7 @@ pub(super) struct Watch {
     pub(super) file: u64,
     /// Offset and gains of the model in the profile. A saved state with other numbers is not used.
     numbers: Vec<f64>,
-    /// Signals and lags of the model's terms.
+    /// Signal and time constant of the lag of each term of the model.
     #[serde(default)]
     terms: Vec<TermOfModel>,
     /// State of each sensor of the stand-ins file.

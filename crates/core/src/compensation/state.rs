@@ -27,7 +27,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::quantity::{Moment, Shift, Shifted};
 
-/// State of an axis.
+/// State of an axis: off, following a model, keeping its Cz, or returning to zero.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum AxisState {
@@ -40,7 +40,7 @@ pub enum AxisState {
     Degraded,
     /// The axis has kept its last Cz since this moment.
     Holding(Moment),
-    /// Cz of the axis goes to zero.
+    /// Cz of the axis goes to zero, within the step and rate of the axis.
     Ramping,
     /// Cz is zero until the inputs and outputs of the axis are good again.
     Zeroed,

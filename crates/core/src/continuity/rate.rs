@@ -9,7 +9,7 @@ use crate::quantity::Moment;
 /// polls would count as too fast a change.
 const LEAST_SECONDS: f64 = 1.0;
 
-/// Reason why a value is implausible.
+/// Reason why a value is implausible: its rate of change, or its jump across a break of continuity.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum RateFault {
     /// The value changed faster than the `max_rate` of the profile.

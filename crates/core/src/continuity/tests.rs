@@ -222,7 +222,7 @@ fn a_rejected_value_after_a_break_ends_the_time_in_which_the_allowed_change_grow
     assert_eq!(filter.assess(45.0, at(hour), Some(rate), 1), Err(RateFault::Jumped));
     assert_eq!(filter.assess(45.0, at(hour + 1.0), Some(rate), 2), Err(RateFault::Jumped), "another break");
     assert_eq!(filter.assess(20.1, at(hour + 2.0), Some(rate), 2), Ok(()));
-    // Without a value before it, a rejected value is compared with nothing, and is no last good one.
+    // A rejected first value is compared with nothing, and does not become the last good value.
     filter.forget();
     filter.reject(200.0, at(hour + 3.0), rate, 3);
     assert_eq!(filter.before_stop(at(hour + 3.0), rate), None);

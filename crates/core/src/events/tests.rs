@@ -32,7 +32,7 @@ fn only_trouble_raises_an_alarm_and_only_a_raised_alarm_is_ended() {
     for kind in EventKind::ALL {
         let is_trouble = kind.level() != Level::Info;
         assert!(kind.raises().is_none() || is_trouble, "{kind:?}");
-        // Trouble that may be none raises the alarm, and the event without trouble ends it.
+        // A kind that may report no trouble raises the alarm with trouble, and ends it without trouble.
         assert!(kind.raises().is_none() || kind.ends().is_empty() || kind.may_be_info(), "{kind:?}");
         assert!(kind.ends().iter().all(|alarm| raised.contains(alarm)), "{kind:?}");
     }

@@ -11,7 +11,7 @@ use crate::quantity::{Counts, Moment, Shift, Shifted};
 pub enum Action {
     /// Do nothing until another fact arrives, or until this moment.
     Nothing {
-        /// Time of the next [`Fact::Look`](super::Fact::Look).
+        /// Time at which the caller must give the next [`Fact::Look`](super::Fact::Look).
         until: Moment,
     },
     /// Read the register. [`Fact::Read`](super::Fact::Read) or [`Fact::NoAnswer`](super::Fact::NoAnswer) is the result.

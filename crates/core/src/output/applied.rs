@@ -31,7 +31,7 @@ enum AppliedState {
     /// The control has not reported that it applies the register value.
     #[default]
     NotYet,
-    /// The control applies the register value.
+    /// The control has reported that it applies the register value.
     Applied,
 }
 

@@ -114,7 +114,7 @@ impl Controller {
         debug_assert!(!self.state.is_asking(), "every open action has ended");
     }
 
-    /// Returns the state of the register.
+    /// Returns the state of the register, for example its last verified value.
     pub fn state(&self) -> &State {
         &self.state
     }
@@ -144,7 +144,7 @@ impl Controller {
         self.policy.action
     }
 
-    /// Returns the events since the last call.
+    /// Returns the events since the last call of this function, oldest first.
     pub fn take_events(&mut self) -> Slots<Event, MOST_EVENTS> {
         take(&mut self.events)
     }

@@ -23,7 +23,7 @@ pub struct Demand {
     pub pauses: u64,
 }
 
-/// Decision of an axis about one output.
+/// Decision of an axis about one output: the offset to write, and the last moment for sending it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct OutputDecision {
@@ -47,7 +47,7 @@ pub enum Mode {
     /// The axis follows its model.
     #[default]
     Follow,
-    /// The axis keeps its offset.
+    /// The axis keeps its offset, so no change is requested.
     Hold,
     /// The axis carries out a fault action or a stop, returns to an earlier Cz, or writes a constant.
     Finish,
@@ -126,7 +126,7 @@ impl Input {
     }
 }
 
-/// Reason why a write was not sent.
+/// Reason why no byte of a requested write was sent.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum NotSent {
     /// The last moment for sending the write had passed.

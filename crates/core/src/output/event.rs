@@ -93,7 +93,7 @@ pub enum Event {
         /// Last moment at which the decision could have been sent.
         not_after: Moment,
     },
-    /// The axis resumes from the verified value.
+    /// The axis resumes from the verified register value instead of its last decision.
     TakeOver {
         /// Reason why the axis resumes from the register value.
         cause: Cause,

@@ -10,7 +10,7 @@ use crate::quantity::{Counts, Moment};
 pub enum Fact {
     /// No new event: [`step`](super::step) is called at the time that it requested.
     Look,
-    /// The axis has decided about the offset.
+    /// The axis has decided about the offset that the register must contain.
     Decided {
         /// Offset in counts, without the bias (register value for an offset of zero). For a shared register: the
         /// gateway share (part of the value that the gateway adds).

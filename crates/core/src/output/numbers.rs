@@ -26,7 +26,7 @@ const ALL: u16 = u16::MAX;
 /// Possible numbers of the next output set. The control accepts one of them.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub(super) struct Numbers {
-    /// Last number that the control has acknowledged.
+    /// Last number of an output set that the control has acknowledged.
     taken: u16,
     /// Count of possible numbers after `taken`. An hour of refusals increases this count to 69, a week to about 900.
     count: u16,

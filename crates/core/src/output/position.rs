@@ -79,7 +79,7 @@ pub struct PositionDecision {
     pub at: Moment,
 }
 
-/// Action for the latest position.
+/// Action of the controller for the latest position that was read.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum PositionAction {
@@ -130,7 +130,7 @@ pub enum PositionResult {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct PositionTurn {
-    /// Demand of this call of the controller.
+    /// Demand of this call of the controller: position, decision and interlock.
     pub demand: PositionDemand,
     /// Action that the controller chose.
     pub action: PositionAction,

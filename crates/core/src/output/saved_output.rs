@@ -40,7 +40,7 @@ pub struct Account {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Promise {
-    /// Absolute register value.
+    /// Absolute register value, including the operator offset of a shared register.
     pub value: Counts,
     /// Time at which the value was sent, for messages to the operator.
     pub at: Moment,

@@ -95,7 +95,7 @@ pub struct SetDemand {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct MemberDemand {
-    /// Demand on the output.
+    /// Demand on the output from its axis, its interlock and the operator.
     pub demand: Demand,
     /// Last moment at which an earlier value may be sent again, to complete an output set of which only a part was
     /// written. `None` if the axis is off.
@@ -113,13 +113,13 @@ pub struct OwnWords {
     pub control: u16,
 }
 
-/// Value of one output in a request.
+/// Value of one output in a request that writes the whole output set.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum SetValue {
-    /// Value that differs from the register value.
+    /// Value that differs from the register value: the output changes.
     New(Counts),
-    /// Register value, as it was just read.
+    /// Register value as it was just read. The output does not change.
     AsRead(Counts),
 }
 
@@ -149,7 +149,7 @@ pub enum SetInput {
     },
     /// The disk has not yet confirmed that the state of an output is saved. The next turn asks again.
     DiskNotYet,
-    /// The registers were read.
+    /// The registers of the output set were read.
     Read {
         /// Register value of each output, in counts.
         values: Vec<Counts>,
@@ -209,7 +209,7 @@ impl OutputAnswer {
     }
 }
 
-/// Result of a write.
+/// Result of a write request: what is known about whether the device has carried it out.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum WriteResult {
@@ -230,7 +230,7 @@ pub enum WriteResult {
 }
 
 impl WriteResult {
-    /// Returns whether the request may have arrived.
+    /// Returns whether the request may have arrived at the device.
     pub(super) fn may_have_arrived(self) -> bool {
         matches!(self, WriteResult::Done | WriteResult::Unknown)
     }
@@ -256,13 +256,13 @@ impl WriteResult {
 pub enum StrobeResult {
     /// The device answered that it has carried out the write.
     Done,
-    /// The write was refused or not sent.
+    /// The write was refused or not sent, so the strobe signal has not changed.
     NotDone,
     /// The write was sent and not answered. The strobe signal may have changed.
     Unknown,
 }
 
-/// Next exchange of an output set.
+/// Next exchange of an output set with the device or the disk.
 #[derive(Clone, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum SetAction {

@@ -49,7 +49,7 @@ pub struct SetController {
     restarts: u64,
     #[serde(flatten)]
     words: WrittenWords,
-    /// Earliest time for the next attempt.
+    /// Earliest time for the next attempt to write the output set.
     tries_from: Moment,
     #[serde(skip)]
     faults: Vec<HandshakeFault>,

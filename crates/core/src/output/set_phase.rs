@@ -30,7 +30,7 @@ pub(super) enum Phase {
     Decide,
     /// The acknowledge signal must be down before anything is written.
     Clear(Reason),
-    /// The registers are read.
+    /// The registers of the output set are read.
     Read(NextPhase),
     /// The registers have been read, and the controller decides what is written.
     Judge(Reason),
@@ -43,7 +43,7 @@ pub(super) enum Phase {
         /// Whether the disk was asked to save the state of the next output.
         promise: PromiseState,
     },
-    /// The values are written.
+    /// The values of all outputs are written in one request.
     Write { values: Vec<SetValue>, own: OwnWords, not_after: Moment },
     /// Heartbeat and control word are written alone.
     WriteOwn(OwnWords),
@@ -83,7 +83,7 @@ pub(super) enum DropReason {
     Clear(Reason),
     /// The control has acknowledged the output set.
     Acknowledged(After),
-    /// The handshake has failed.
+    /// The handshake (strobe and acknowledge signal) has failed.
     Failed(HandshakeFault),
 }
 
@@ -106,7 +106,7 @@ impl NextPhase {
     }
 }
 
-/// Reason why the registers are read.
+/// Reason why the registers of the output set are read.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub(super) enum Reason {

@@ -17,7 +17,7 @@ pub struct Settings {
     pub bias: Counts,
     /// Lowest and highest count of the register.
     pub range: (Counts, Counts),
-    /// Longest time until a sent write arrives.
+    /// Longest time until a sent write arrives at the register. A write that has not arrived by then never arrives.
     pub late: Duration,
     /// Time after `late` during which a write without an answer is still recognised: about ten times `late`.
     pub remembered: Duration,
@@ -27,7 +27,7 @@ pub struct Settings {
     pub refresh: Option<Duration>,
     /// Whether the register is shared with an operator, whose offset it also contains.
     pub is_shared: bool,
-    /// Way in which a write is verified.
+    /// Way in which the gateway verifies a write: by reading the register, or by the answer of the device.
     pub verify: Verify,
     /// Settings of the applied value that the control reports in another register. `None` if the control does not
     /// report it.
@@ -73,7 +73,7 @@ pub struct AppliedSettings {
     pub settle: Duration,
 }
 
-/// Way in which a write is verified.
+/// Way in which the gateway verifies a write: by reading the register, or by the answer of the device.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Verify {

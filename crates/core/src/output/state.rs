@@ -64,13 +64,13 @@ pub struct State {
     pub(super) is_waiting: bool,
     /// Time when a change last waited for an earlier write.
     pub(super) waited_at: Moment,
-    /// Earliest time for the next read.
+    /// Earliest time for the next read of the register.
     pub(super) reads_from: Moment,
-    /// Earliest time for the next write.
+    /// Earliest time for the next write to the register.
     pub(super) writes_from: Moment,
     /// Earliest time for the next write to disk.
     pub(super) keeps_from: Moment,
-    /// Time of the last write.
+    /// Time of the last write to the register.
     pub(super) written_at: Moment,
     /// Failure of the last write; `None` if a write has been verified since.
     #[serde(rename = "untaken")]
@@ -156,7 +156,7 @@ impl State {
         }
     }
 
-    /// Returns the events since the last call.
+    /// Returns the events since the last call of this function, oldest first.
     pub fn take_events(&mut self) -> Slots<Event, 8> {
         self.reports.take()
     }
@@ -241,7 +241,7 @@ impl State {
         self.is_interlocked
     }
 
-    /// Returns whether an action is pending.
+    /// Returns whether an action is pending: its result has not arrived yet.
     pub fn is_asking(&self) -> bool {
         self.pending_action != PendingAction::Nothing
     }

@@ -93,7 +93,7 @@ impl Strobe {
         Strobe { level, ..Strobe::default() }
     }
 
-    /// Returns the level of the strobe signal.
+    /// Returns the level of the strobe signal, as far as the gateway knows it.
     pub fn level(&self) -> StrobeLevel {
         self.level
     }

@@ -24,7 +24,7 @@ pub(super) struct Turns {
 }
 
 impl Turns {
-    /// Counts a verified change of this gateway.
+    /// Counts a change of the register by this gateway that was verified.
     pub(super) fn ours(&mut self) {
         self.since = self.since.map(|since| since.saturating_add(1));
         // Changes of this gateway are counted only after the first change by another client.

@@ -28,7 +28,7 @@ pub struct Bounds {
     pub step_um: f64,
     /// Maximum speed at which Cz changes, µm/s.
     pub rate_um_per_s: f64,
-    /// Time between two updates, s.
+    /// Time between two changes of the output, s.
     pub every_s: f64,
     /// Condition in the profile under which the output may be written; `None` if the profile has no such condition.
     #[serde(default, skip_serializing_if = "Option::is_none")]

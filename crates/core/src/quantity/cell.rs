@@ -18,7 +18,7 @@ pub enum Cell<'a> {
     Text,
 }
 
-/// Words of programs for an empty cell.
+/// Words that programs write into an empty cell.
 const ABSENT: [&str; 7] = ["<na>", "nat", "nan", "null", "(null)", "none", "."];
 
 /// Words that people, spreadsheets and data-logging servers write for a value that is not available.

@@ -13,9 +13,9 @@ use super::{Moment, time};
 /// Decimal mark of the numbers in a log.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum DecimalMark {
-    /// `12.5`; commas separate thousands.
+    /// A point, as in `12.5`. Commas separate thousands.
     Point,
-    /// `12,5`; points separate thousands.
+    /// A comma, as in `12,5`. Points separate thousands.
     Comma,
 }
 

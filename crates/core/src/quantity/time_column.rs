@@ -6,7 +6,7 @@ use std::fmt;
 use super::cell::name_and_unit;
 use super::{Moment, time};
 
-/// Unit of times that are numbers.
+/// Unit of times that a log gives as numbers.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum TimeUnit {
     /// Milliseconds since the start of the log or since 1970.

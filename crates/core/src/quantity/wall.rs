@@ -19,9 +19,9 @@ const FIRST_OF_EXCEL: Date = Date::constant(1899, 12, 30);
 /// Order of day and month in dates such as `01/05/2026`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum DateOrder {
-    /// The day comes first.
+    /// The day comes first: `01/05/2026` is 1 May 2026.
     DayFirst,
-    /// The month comes first.
+    /// The month comes first: `01/05/2026` is 5 January 2026.
     MonthFirst,
 }
 

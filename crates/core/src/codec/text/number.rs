@@ -1,4 +1,4 @@
-//! Number in a line of text.
+//! Numbers in a line of text: where a number begins and ends, and how many decimals it has.
 
 /// Number in a line of text, with its number of decimals and the position of its end.
 #[derive(Clone, Copy, Debug, PartialEq)]

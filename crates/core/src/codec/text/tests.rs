@@ -9,7 +9,7 @@ fn pattern(text: &str) -> TextPattern {
 /// Answer of an I-7018 with eight channels, from its manual.
 const EIGHT: &str = ">+05.123+04.153+07.234-02.356+10.000-05.133+02.345+08.234";
 
-/// Lines with their values, as manuals of devices show them.
+/// Checks the values of lines that the manuals of devices show.
 #[test]
 fn lines_of_manuals_have_their_values() {
     for (text, line, value) in [

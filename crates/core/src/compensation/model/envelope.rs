@@ -126,7 +126,8 @@ pub struct Coverage {
     pub extrapolating: Option<Extrapolation>,
 }
 
-/// Input of a model beyond its range.
+/// Input of a model whose value is outside the range in which the model was identified, and the distance from this
+/// range.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Beyond {
     /// Signal of the input whose value is out of range.

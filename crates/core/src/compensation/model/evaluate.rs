@@ -33,7 +33,7 @@ pub trait Evaluate {
     }
 }
 
-/// Values that a model requests.
+/// Values that a model requests: Cz, and the slope if the control applies it.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Outputs {
     /// Cz at the present position. If the control applies the slope itself, it is K0: Cz at the reference position.

@@ -23,7 +23,7 @@ pub struct Expression {
     operations: Vec<Operation>,
 }
 
-/// Meaning of a name in an expression.
+/// Meaning of a name in an expression: a signal, a constant, or the time since machine start.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Symbol {
     /// The value of a signal.

@@ -80,7 +80,7 @@ pub struct Lagged {
     at: Moment,
     /// Last usable reading of the sensor. The next step assumes a straight line from this reading to the next reading.
     input: f64,
-    /// Lagged temperature y.
+    /// Lagged temperature y, which follows `input` with the time constant of the lag.
     follower: f64,
     /// Lagged temperature at the reference. The lagged rise is measured from this value.
     from: f64,

@@ -1,4 +1,4 @@
-//! Term of a sum over temperature rises.
+//! Term of a sum over temperature rises: a gain times the rise of an input.
 
 use std::ops::Mul;
 

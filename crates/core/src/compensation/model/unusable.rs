@@ -1,4 +1,4 @@
-//! Reasons why a model has no value.
+//! Reasons why a model has no value, for example that a sensor has no good reading.
 
 use serde::{Deserialize, Serialize};
 

@@ -71,7 +71,7 @@ pub(in crate::compensation) enum Credit {
     Doubted,
 }
 
-/// Result of the comparison of a model.
+/// Result of the comparison of a model with no compensation.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 enum Verdict {

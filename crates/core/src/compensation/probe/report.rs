@@ -27,7 +27,7 @@ const REPEATED_WITHIN: Duration = Duration::from_secs(10);
 const AHEAD: Duration = Duration::from_secs(10);
 /// Difference below which two errors count as equal, µm. One of them may have been rounded to a float of 32 bits.
 const EQUAL_WITHIN: f64 = 1e-4;
-/// Maximum length of an `id`.
+/// Maximum length of an `id`, in ASCII characters.
 const LONGEST_ID: usize = 64;
 
 /// Measured error of an axis as a sender reports it.
@@ -111,14 +111,14 @@ pub enum Rejected {
     Forgotten(Moment),
     /// The report was measured before the datum (last zero point of Cz) of the axis.
     BeforeDatum {
-        /// `time` of the report.
+        /// Wall-clock time of the measurement, from the field `time` of the report.
         time: Moment,
         /// Time at which the datum was captured.
         datum: Moment,
     },
     /// The `time` of the report is in the future.
     Ahead {
-        /// `time` of the report.
+        /// Wall-clock time of the measurement, from the field `time` of the report.
         time: Moment,
         /// Wall-clock time at which the report arrived.
         now: Moment,

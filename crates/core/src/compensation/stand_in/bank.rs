@@ -21,7 +21,7 @@ pub(super) const EDGE: f64 = 0.01;
 /// of a prediction that only serves as the start value of later comparisons.
 pub(super) const FAR: f64 = 0.10;
 
-/// State of one input of the predictions.
+/// State of one input of the predictions: its lag, and the mean of its rise in the current minute.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(super) struct BankInput {
     #[serde(rename = "lagged")]

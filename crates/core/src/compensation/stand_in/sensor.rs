@@ -31,7 +31,7 @@ pub(super) struct Sensor {
     changed: Moment,
     /// Reading y to which the predicted change is added; `None` if it is unknown.
     from: Option<f64>,
-    /// Predicted rise x̂ at the reading `from`.
+    /// Predicted rise x̂ at the time of the reading `from`.
     base: Option<f64>,
     /// Whether `from` and `base` belong to a reading that is not accepted yet. This is the case if the sensor had no
     /// reading when the machine started.
@@ -71,7 +71,7 @@ struct Recovery {
     unproven: Option<Moment>,
 }
 
-/// Prediction of a sensor from its predictors.
+/// Prediction of a sensor from its predictors (other sensors), and whether the prediction may be used as a stand-in.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct Predicted {
     /// Predicted rise since machine start.
@@ -91,7 +91,7 @@ fn yes() -> bool {
     true
 }
 
-/// Prediction of the minute that has ended.
+/// Prediction of a sensor for the minute that has ended, or why there is no usable prediction.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Prediction {
     /// All predictors had a value. Contains the prediction.

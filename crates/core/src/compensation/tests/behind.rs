@@ -27,7 +27,8 @@ fn while_an_output_waits_cz_stays_within_one_step_of_it() {
     assert_eq!((decision.cz, decision.target), (um(3.0), um(30.0)), "it resumes from that value");
 }
 
-/// The request changes its direction. The first decision after that moves back.
+/// The model changes the direction of its request. The next decision already moves back, from the value of the output
+/// that is behind.
 #[test]
 fn a_request_that_turns_round_is_followed_from_the_output_that_waits() {
     let mut rig = rises();
@@ -38,7 +39,8 @@ fn a_request_that_turns_round_is_followed_from_the_output_that_waits() {
     assert_eq!(cz, [1.0, 0.0, 0.0]);
 }
 
-/// An axis in hold keeps its value, whichever output waits. Its target is that value.
+/// An axis that keeps its value after a fault does not move, even if an output is behind its decision. Its target is
+/// the kept value.
 #[test]
 fn an_axis_that_holds_keeps_its_value_beside_an_output_that_waits() {
     let mut rig = rises();

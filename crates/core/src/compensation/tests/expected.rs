@@ -1,4 +1,4 @@
-//! Expected error of the model in use.
+//! Tests of the expected error of the model in use.
 
 use super::super::model::{Envelope, Expected, Growth, Input, Outside};
 use super::probes::{probe, probed_axis, zeroing_machine};

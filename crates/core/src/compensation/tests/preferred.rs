@@ -1,4 +1,4 @@
-//! Learned models: adoption, return and restart. Cz does not move at a change.
+//! Tests of learned models: adoption, return and restart. At a change of the model, Cz stays the same.
 
 use proptest::prelude::*;
 
@@ -9,7 +9,7 @@ use super::probes::{near, probe, probed_axis, zeroing_machine};
 use super::*;
 use crate::quantity::of;
 
-/// Index of the learned model.
+/// Index of the learned model (the slot) in the models of the axis.
 const SLOT: usize = 2;
 const LAG: f64 = 600.0;
 

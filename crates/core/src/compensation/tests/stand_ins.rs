@@ -9,7 +9,7 @@ use crate::compensation::model::{Envelope, Outside, StandIns};
 use crate::quantity::of;
 
 pub(super) const COLUMN: SignalId = SignalId(2);
-/// Threshold θ, °C.
+/// Threshold θ of each sensor, °C: the predicted change after which a constant reading is suspected.
 pub(super) const THRESHOLD: f64 = 0.3;
 
 /// Predictions of the sensors: each is the mean of the others. The column is predicted from the bed alone, which is too

@@ -1,4 +1,4 @@
-//! Probings that are weighed by the certainty of the correction.
+//! Tests of probings (measured errors) that are weighed by the certainty of the correction.
 
 use super::super::probe::Refused;
 use super::super::settings::{Filter, ProbeSettings};

@@ -17,7 +17,7 @@ pub struct Layers {
 pub struct Layer {
     /// Weights: one row for each neuron, one column for each neuron of the layer before.
     pub weights: Vec<Vec<f64>>,
-    /// Bias of each neuron.
+    /// Bias of each neuron, which is added to the weighted sum of its inputs.
     pub bias: Vec<f64>,
     /// Function that each neuron applies to the weighted sum of its inputs.
     pub activation: Activation,

@@ -117,7 +117,7 @@ fn what_is_taken_back_and_what_was_kept() {
     assert!(comparison.is_empty() && comparison.worse().is_none());
 }
 
-/// One event in the life of a comparison.
+/// One input of a comparison: a touch with its errors, a new datum, or the discarding of the correction.
 #[derive(Clone, Copy, Debug)]
 enum Act {
     Touch(f64, f64, Credit),

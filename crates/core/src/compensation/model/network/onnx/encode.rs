@@ -7,7 +7,7 @@ pub(super) fn put_bytes(message: &mut Vec<u8>, field: u64, bytes: &[u8]) {
     message.extend_from_slice(bytes);
 }
 
-/// Returns a node with one output. `axis` is the only attribute that a node has here.
+/// Returns an encoded node with one output. `axis` is the only attribute that a node has here.
 pub(super) fn node(operator: &str, inputs: &[&str], output: &str, axis: Option<i64>) -> Vec<u8> {
     let mut node = Vec::new();
     inputs.iter().for_each(|input| put_bytes(&mut node, 1, input.as_bytes()));
@@ -23,13 +23,13 @@ pub(super) fn node(operator: &str, inputs: &[&str], output: &str, axis: Option<i
     node
 }
 
-/// Returns a tensor in single precision.
+/// Returns an encoded tensor of numbers in single precision, with this name and shape.
 pub(super) fn floats(name: &str, shape: &[usize], values: &[f32]) -> Vec<u8> {
     let bytes: Vec<u8> = values.iter().flat_map(|value| value.to_le_bytes()).collect();
     tensor(name, 1, shape, &bytes)
 }
 
-/// Returns a tensor of integers with one dimension.
+/// Returns an encoded tensor of integers, with this name and one dimension.
 pub(super) fn integers(name: &str, values: &[i64]) -> Vec<u8> {
     let bytes: Vec<u8> = values.iter().flat_map(|value| value.to_le_bytes()).collect();
     tensor(name, 7, &[values.len()], &bytes)

@@ -223,7 +223,7 @@ fn without_name(message: &[u8], external: &mut External<'_>) -> Result<Replaceme
     Ok(Replacement::of(node))
 }
 
-/// Dropout at inference: the result is the input.
+/// Replaces a Dropout by Identity, because at inference its result is its input.
 fn dropout(node: &Node<'_>, truths: &HashMap<&str, bool>) -> Result<Replacement, String> {
     let training = node.inputs.get(2).filter(|name| !name.is_empty());
     if training.is_some_and(|name| truths.get(*name) != Some(&false)) {
@@ -257,7 +257,7 @@ fn truth(tensor: &[u8]) -> Option<bool> {
     Some(fields().any(is_set))
 }
 
-/// LinearRegressor: `y = x·W + b`.
+/// Replaces a LinearRegressor, which computes `y = x·W + b`, by standard operators.
 fn linear_regressor(node: &Node<'_>) -> Result<Replacement, String> {
     let (coefficients, intercepts) = (node.floats("coefficients"), node.floats("intercepts"));
     let coefficients = coefficients.as_slice();
@@ -298,7 +298,8 @@ fn linear_regressor(node: &Node<'_>) -> Result<Replacement, String> {
     Ok(replacement)
 }
 
-/// Scaler: `y = (x − offset) · scale`, with one number for each column, or one number for all columns.
+/// Replaces a Scaler, which computes `y = (x − offset) · scale`, by standard operators. `offset` and `scale` have one
+/// number for each column, or one number for all columns.
 fn scaler(node: &Node<'_>) -> Result<Replacement, String> {
     let (offset, scale) = (node.floats("offset"), node.floats("scale"));
     if offset.is_empty() || offset.len() != scale.len() {
@@ -327,7 +328,7 @@ fn scaler(node: &Node<'_>) -> Result<Replacement, String> {
     Ok(replacement)
 }
 
-/// ArrayFeatureExtractor: picks columns. The list of columns may have any shape.
+/// Replaces an ArrayFeatureExtractor, which picks columns. The list of columns may have any shape.
 fn array_feature_extractor(node: &Node<'_>) -> Result<Replacement, String> {
     let [shape, list] = ["shape", "columns"].map(|part| node.part(part));
     let (input, columns) = (node.input(0)?, node.input(1)?);

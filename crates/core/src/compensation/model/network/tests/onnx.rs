@@ -39,7 +39,7 @@ fn the_same_inputs_give_the_same_bits() {
 #[test]
 fn the_width_of_the_file_counts_not_that_of_the_model() {
     assert_eq!(Onnx::new(file(Some(2)), 7).unwrap().takes(), 2);
-    // Left open by the header, settled by the weights.
+    // The declaration leaves the number of inputs open; the weights determine it.
     let why = Onnx::new(file(None), 7).unwrap_err();
     assert!(why.contains("cannot be computed"), "{why}");
 }
@@ -129,7 +129,7 @@ fn a_shape_that_comes_out_of_the_input_is_refused() {
         why.contains("node Squeeze with the output `s` has a shape that depends on the values of the inputs"),
         "{why}"
     );
-    // Listed behind the node that takes it, what comes out of the input looks as if the file held it.
+    // If a result of the input is listed after the node that uses it, the file seems to contain its value.
     let mut nodes = [
         node("Cast", &["x"], "whole"),
         node("Squeeze", &["whole"], "shape"),

@@ -6,7 +6,7 @@ use proptest::prelude::*;
 use super::super::{Onnx, close};
 use super::encode::{field, model, node, number, tensor, value};
 
-/// Value of an attribute of a node.
+/// Value of an attribute of an ONNX node, in the form in which an exporter stores it.
 pub(super) enum Attribute<'a> {
     Floats(&'a [f32]),
     /// Floats in one field, as some exporters write them.
