@@ -32,7 +32,7 @@ const SILENT_REQUESTS: u32 = 2;
 /// Shortest time without an answer that counts as a break of continuity, in poll periods.
 const SILENT_PERIODS: u32 = 2;
 
-/// State of a device: whether it is still the device that passed its checks, with the same settings.
+/// State of a device: whether the device that answers is still the one that passed its checks, with the same settings.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Continuity {
     /// The device has no checks, or it has passed them and contact with it has not been lost since.
@@ -123,7 +123,7 @@ pub struct DeviceContinuity {
     /// Number of breaks of continuity when the checks last passed. `None` if the checks have not passed yet.
     passed_after: Option<u64>,
     /// Number of breaks of continuity that may have reset the settings of the device. A pause of the computer and a
-    /// machine start are not among them.
+    /// machine start do not count.
     resets: u64,
     /// Time of the last answer of the device, also of an answer that refuses a request.
     answered: Moment,
@@ -264,8 +264,8 @@ impl Difference {
         matches!(self.is, CheckFailure::Value(_))
     }
 
-    /// Returns whether the difference proves that the device is another device or has other settings. It does if
-    /// another value was read, or if the device has no such register.
+    /// Returns whether the difference proves that the device is another device or has other settings. That is the case
+    /// if another value was read, or if the device has no such register.
     pub fn is_evidence(&self) -> bool {
         matches!(self.is, CheckFailure::Value(_) | CheckFailure::Absent(_))
     }

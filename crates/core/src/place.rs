@@ -54,7 +54,7 @@ pub enum Part {
 
 impl Part {
     /// Returns whether an output that writes a position plus Cz can continue in steps of Cz after this part of its
-    /// place has changed. It can if register and units per count are the same.
+    /// place has changed. That is possible if register and units per count are the same.
     pub fn is_bridged_by_steps(self) -> bool {
         matches!(self, Part::Axis | Part::Diameter)
     }

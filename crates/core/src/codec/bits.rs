@@ -63,8 +63,8 @@ impl BitField {
         }
     }
 
-    /// Returns the type of the value. This is the type of this width with a name (for example `u16`), or else a type
-    /// with exactly this number of bits.
+    /// Returns the type of the value: a named type of this width (for example `u16`), or else a type with exactly this
+    /// number of bits.
     pub fn data_type(&self) -> DataType {
         match (self.kind, self.length) {
             (BitKind::Float, 32) => DataType::F32,

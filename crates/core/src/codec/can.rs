@@ -3,7 +3,7 @@
 
 use std::fmt;
 
-/// CAN identifier of 11 or 29 bits. All identifiers of 11 bits sort before those of 29 bits.
+/// CAN identifier of 11 or 29 bits. All identifiers of 11 bits sort before all identifiers of 29 bits.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct CanId {
     is_extended: bool,

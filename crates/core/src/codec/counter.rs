@@ -25,7 +25,7 @@ pub struct Counter {
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Tracked {
     last: Option<CounterSample>,
-    /// Value that the axis cannot have reached. It is accepted if the next value agrees with it.
+    /// Value that the axis cannot have reached. The value is accepted if the next value agrees with it.
     leapt: Option<CounterSample>,
 }
 

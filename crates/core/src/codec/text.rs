@@ -72,9 +72,9 @@ enum Part {
         decimals: Option<u8>,
         width: Option<u16>,
     },
-    /// This many numbers of the line, which are not used.
+    /// Skips this many numbers of the line, which are not used.
     Skip(u16),
-    /// Any characters: exactly this many, or any number of them if `None`.
+    /// Skips exactly this many characters, whatever they are. With `None`, skips any number of characters.
     Any(Option<u16>),
 }
 

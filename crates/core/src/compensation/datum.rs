@@ -4,7 +4,7 @@
 //! would count that part twice. After a zero command, the value that each model requests is therefore captured, as the
 //! mean over the machine's settling time. From then on, this mean is subtracted from the model's value. Until the
 //! capture is complete, the old datum is used. A model without a value during the capture gets the datum of the first
-//! model that had one. A change between the two models then causes no jump.
+//! model that had a value. A change between the two models then causes no jump.
 
 use serde::{Deserialize, Serialize};
 

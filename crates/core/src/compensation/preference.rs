@@ -50,7 +50,7 @@ pub enum Preferred {
 /// Model that was learned from touches: Cz is the sum of its terms.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct LearnedModel {
-    /// Name of the model. It depends on the day of the model's last run and on its terms.
+    /// Name of the model, formed from the day of the last run that it was learned from, and from its terms.
     pub name: String,
     /// Terms. An input of the slot without a term has the gain zero.
     pub terms: Vec<LearnedTerm>,

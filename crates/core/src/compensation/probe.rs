@@ -107,14 +107,15 @@ pub struct Residual {
 shifted!(Probed: at);
 shifted!(Residual: at);
 
-/// Results of all probings of one axis. They are saved for a restart.
+/// Results of the probings of one axis: corrections of its models, last results, and used reports. They are saved for a
+/// restart.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Probe {
     /// Correction of each model from probings, in the order of the axis's models.
     pub(super) models: Vec<Learned>,
     last: Option<Probed>,
     history: VecDeque<Residual>,
-    /// Reports that were used. A repeated report is recognised by comparison with them.
+    /// Reports that were used. A repeated report is recognised by comparison with these reports.
     #[serde(default, skip_serializing_if = "TakenReports::is_empty")]
     pub(super) reports: TakenReports,
 }

@@ -145,9 +145,9 @@ impl Remembered {
         })
     }
 
-    /// Discards everything that was measured with these signals, because their sensors or settings have changed. This
-    /// includes their references, their lags, and the datum of models that read them. All of it is captured again from
-    /// the next snapshot on. Returns the signals that a model of these axes reads and whose reference had been captured.
+    /// Discards everything that was measured with these signals, because their sensors or settings have changed.
+    /// References and lags of these signals, and the datum of models that read the signals, are captured again from the
+    /// next snapshot on. Returns the signals that a model of these axes reads and whose reference had been captured.
     pub fn forget(&mut self, signals: &BTreeSet<SignalId>, axes: &[AxisSettings]) -> BTreeSet<SignalId> {
         let captured = signals.iter().copied().filter(|signal| self.machine.forget(*signal));
         let captured: BTreeSet<SignalId> = captured.collect();

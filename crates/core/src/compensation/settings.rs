@@ -42,7 +42,7 @@ pub struct AxisSettings {
 pub struct LearnedSlot {
     /// Index of the learned model in the axis's list of models.
     pub model: usize,
-    /// Fingerprint (hash) of the other models of the axis. A learned model belongs to them.
+    /// Fingerprint (hash) of the other models of the axis. A learned model is used only together with these models.
     pub own: String,
 }
 
@@ -171,8 +171,8 @@ impl AxisSettings {
         self.probe.is_some_and(|probe| probe.worse == OnWorse::Ramp)
     }
 
-    /// Returns the update period of an axis whose Cz goes to zero. It is as short as the rate requires, but not shorter
-    /// than a fieldbus can follow.
+    /// Returns the update period of an axis whose Cz goes to zero. The period is as short as the rate requires, but not
+    /// shorter than a fieldbus can follow.
     pub fn ramp_period(&self) -> Duration {
         let one_step = self.guard.step.get() / self.guard.rate.get();
         let one_step = Duration::try_from_secs_f64(one_step).unwrap_or(Duration::MAX);

@@ -62,8 +62,8 @@ impl AxisState {
     /// Names of all states, as [`AxisState::name`] returns them.
     pub const NAMES: [&'static str; 6] = ["off", "active", "degraded", "holding", "ramping", "zeroed"];
 
-    /// Words for the states in events. "At zero" is not among them, because it means that zero was verified in the
-    /// control.
+    /// Words for the states in events. The words "at zero" are not used here, because they mean that zero was verified
+    /// in the control.
     const DISPLAYED: [&'static str; 6] =
         ["off", "compensating", "fallback model", "frozen", "returning to zero", "zero requested"];
 

@@ -110,8 +110,8 @@ impl InFlightWrites {
         self.expired.iter().find(|sent| sent.value == value)
     }
 
-    /// Returns the range of values that may be sent. They are at most one `step` from the register value, and at most
-    /// `reach` from every value that may still arrive.
+    /// Returns the range of values that may be sent. These values are at most one `step` from the register value, and
+    /// at most `reach` from every value that may still arrive.
     pub fn room(&self, current: Counts, step: Counts, reach: Counts) -> SendRange {
         let around = SendRange { low: current - step, high: current + step };
         self.under_way.iter().fold(around, |room, sent| SendRange {

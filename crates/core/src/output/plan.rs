@@ -80,8 +80,8 @@ pub(super) fn act(state: &mut State, settings: &Settings, fresh: Option<Moment>,
     Action::Nothing { until: until(state, settings, aim, now) }
 }
 
-/// Chooses the action if a request with the values of other outputs is sent. The register value is sent with them,
-/// unchanged. The register value is not sent if a late write could then be too far from it.
+/// Chooses the action if a request with the values of other outputs is sent. The register value of this output is sent
+/// in the same request, unchanged. It is not sent if a late write could then be too far from it.
 pub(super) fn piggyback(state: &mut State, settings: &Settings, now: Moment) -> Action {
     let Some(seen) = state.verified.filter(|_| state.pending_action == PendingAction::Nothing) else {
         return Action::Nothing { until: Moment::END };

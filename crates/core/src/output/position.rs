@@ -23,7 +23,7 @@ use super::position_cz::PositionCz;
 use crate::quantity::{Micron, Moment, shifted};
 
 /// Period at which the dashes on a display are written again. A display that was switched off and on no longer shows
-/// them.
+/// the dashes.
 const DASHES_AGAIN: Duration = Duration::from_secs(10);
 
 /// Controller of a corrected position: a position that was read, plus Cz, is written to the control or a display.
@@ -134,7 +134,7 @@ pub struct PositionTurn {
     pub demand: PositionDemand,
     /// Action that the controller chose.
     pub action: PositionAction,
-    /// Result of the write, if there was one.
+    /// Result of the write; `None` if nothing was written.
     pub result: Option<PositionResult>,
 }
 

@@ -507,7 +507,8 @@ impl SetController {
         }
     }
 
-    /// Checks the registers after the write. If they hold the sent values, the control must take them now.
+    /// Checks the registers after the write. If the registers hold the sent values, the control must take these values
+    /// now.
     fn confirm(&mut self, settings: &SetSettings, now: Moment) {
         self.phase = Phase::Rest;
         if !self.transaction.is_sent(&self.found) || self.demand.is_leaving {

@@ -71,8 +71,8 @@ impl Axis {
         self.due = None;
     }
 
-    /// Restores the preferred model of an earlier run. If the models of the profile have changed since then, they are
-    /// preferred.
+    /// Restores the preferred model of an earlier run. If the models of the profile have changed since then, the models
+    /// of the profile are preferred.
     pub(super) fn recall_preference(&mut self, kept: Option<&Preference>) {
         let Some(slot) = &self.settings.learned else { return };
         let Some(kept) = kept.filter(|kept| kept.own() == slot.own) else { return };
@@ -174,7 +174,7 @@ impl Axis {
     }
 
     /// Returns the Cz that the new model must request, µm. `None` while the envelope or a stand-in of the model in use
-    /// decides about Cz, because they do not apply to the new model.
+    /// decides about Cz. Neither of them applies to the new model.
     fn cz_to_keep(&self, before: &ModelChoice, permit: Permit) -> Option<f64> {
         if self.kept_outside || before.stood_in.is_some() {
             return None;

@@ -1,4 +1,4 @@
-//! Contributions of the signals to the Cz of a model. They show which sensor moves an axis.
+//! Contributions of the signals to the Cz of a model. The contributions show which sensor moves an axis.
 
 use std::time::Duration;
 

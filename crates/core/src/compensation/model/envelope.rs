@@ -42,7 +42,7 @@ pub enum Outside {
     /// kink, and 1/2 if the excess is 1.
     Shrink,
     /// The axis follows the model as far as its two halves agree. The halves are two models whose mean is this model.
-    /// The more they differ, the smaller is Cz.
+    /// The more the halves differ, the smaller is Cz.
     Agree,
 }
 

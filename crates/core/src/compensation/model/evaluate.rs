@@ -46,7 +46,8 @@ pub struct Outputs {
 }
 
 impl Outputs {
-    /// Creates the outputs from a computed Cz in µm and slope in µm/mm. Both must be finite.
+    /// Creates the outputs from a computed Cz in µm and slope in µm/mm. Returns [`Unusable::NotANumber`] if one of the
+    /// two numbers is not finite.
     pub(in crate::compensation) fn of(cz: f64, slope: f64) -> Result<Outputs, Unusable> {
         let outputs = Micron::new(cz).zip(MicronPerMillimetre::new(slope));
         outputs.map(|(cz, slope)| Outputs { cz, slope, apart: Micron::ZERO }).ok_or(Unusable::NotANumber)

@@ -93,8 +93,8 @@ impl Input {
         if self.squared { squared(value, reference) } else { Ok((value, reference)) }
     }
 
-    /// Returns value and reference of a signal whose reading this substitute replaces; `None` if the substitute does
-    /// not have both.
+    /// Returns the value and the reference of a signal whose reading this substitute replaces. `None` if the substitute
+    /// lacks the value or the reference.
     fn level_of(&self, substitution: &Substitution, machine: &Machine) -> Option<(f64, CapturedReference)> {
         let SubstituteSource::Predictors { value, rise } = substitution.source else { return None };
         let captured = machine.captured(self.reference, self.signal);

@@ -55,8 +55,9 @@ impl Certainty {
         Certainty { variance: Some(f64::INFINITY), ..Certainty::default() }
     }
 
-    /// Returns the certainty of a saved correction under these settings. It is unknown after probings with a fixed
-    /// factor, and in a state of an older program version. Then the correction may have any value within its limit.
+    /// Returns the certainty of a saved correction under these settings. The certainty is unknown after probings with a
+    /// fixed factor, and in a state of an older program version. If it is unknown, the correction may have any value
+    /// within its limit.
     pub(super) fn under(self, settings: &ProbeSettings) -> Certainty {
         let is_counted = self.variance.map_or(self.touched.is_none(), f64::is_finite);
         let half = 0.5 * settings.limit.get();

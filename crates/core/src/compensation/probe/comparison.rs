@@ -210,8 +210,8 @@ impl Sums {
     }
 }
 
-/// Returns whether this touch confirms the waiting touch. It does if the two touches agree, or if this touch is not
-/// accepted either and has the same sign. The waiting touch was then not caused by a chip under the probe.
+/// Returns whether this touch confirms the waiting touch. That is the case if the two touches agree, or if this touch
+/// is not accepted either and has the same sign. The waiting touch was then not caused by a chip under the probe.
 fn confirms(touch: &Touch, credit: Credit, waiting: &Touch, scatter: f64) -> bool {
     let agrees = (touch.with - waiting.with).abs() <= AGREES * std::f64::consts::SQRT_2 * scatter;
     agrees || (credit == Credit::Doubted && touch.with * waiting.with > 0.0)

@@ -25,7 +25,7 @@ const KEPT: usize = 64;
 const REPEATED_WITHIN: Duration = Duration::from_secs(10);
 /// Largest accepted time by which the clock of a sender is ahead of this computer's clock.
 const AHEAD: Duration = Duration::from_secs(10);
-/// Difference below which two errors count as equal, µm. One of them may have been rounded to a float of 32 bits.
+/// Difference below which two errors count as equal, µm. One of the errors may have been rounded to a float of 32 bits.
 const EQUAL_WITHIN: f64 = 1e-4;
 /// Maximum length of an `id`, in ASCII characters.
 const LONGEST_ID: usize = 64;

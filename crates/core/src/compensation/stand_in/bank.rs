@@ -13,12 +13,12 @@ use crate::quantity::{Moment, shifted};
 /// Number of time constants after which the start value of a lag has a weight of less than a hundredth. A lag that
 /// began on a warm machine is then settled.
 const FORGOTTEN: u32 = 5;
-/// Tolerated distance of a predictor from its range, as a fraction of the range's width. It is larger than one count of
-/// a sensor and the rounding of a file.
+/// Tolerated distance of a predictor from its range, as a fraction of the range's width. The tolerance is larger than
+/// one count of a sensor and the rounding of a file.
 pub(super) const EDGE: f64 = 0.01;
 /// Tolerated distance of a predicted sensor, and of the rise of a lagged predictor, from its range, as a fraction of
-/// the range's width. It is large because a slow lag returns long after its sensor. It also applies to the predictors
-/// of a prediction that only serves as the start value of later comparisons.
+/// the range's width. The tolerance is large because a slow lag returns long after its sensor. It also applies to the
+/// predictors of a prediction that only serves as the start value of later comparisons.
 pub(super) const FAR: f64 = 0.10;
 
 /// State of one input of the predictions: its lag, and the mean of its rise in the current minute.

@@ -114,8 +114,8 @@ impl Onnx {
         }
     }
 
-    /// Returns the names of the inputs, if the file has one input tensor for each of them. Empty if the file has a
-    /// single input tensor for all inputs.
+    /// Returns the names of the input tensors, if the file has one input tensor of one number for each input of the
+    /// model. Empty if the file has a single input tensor for all inputs.
     pub fn columns(&self) -> &[String] {
         &self.columns
     }
