@@ -49,14 +49,14 @@ const CLASSIC: usize = 8;
 /// DBC files by file name. `None` if a file cannot be read. In that case the error has already been reported.
 pub(crate) type Dbcs = BTreeMap<String, Option<Rc<DbcFile>>>;
 
-/// Parsed DBC file with its text.
+/// Parsed DBC file, and its text. Messages quote lines of the text.
 #[derive(Clone, Debug)]
 pub(crate) struct DbcFile {
     dbc: Dbc,
     text: String,
 }
 
-/// Description of one signal in a DBC file.
+/// Description of one signal in a DBC file: its frames and bits, its scale and offset, and its unit.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Described {
     /// Frames that contain the signal, and the bits of the signal in these frames.
@@ -78,7 +78,7 @@ pub(crate) struct Wrong {
 }
 
 impl Wrong {
-    /// Creates an error without a position in the file.
+    /// Creates an error without a position in the file, for example about a signal that the file does not contain.
     fn about(message: impl Into<String>, help: impl Into<String>) -> Wrong {
         Wrong { at: None, message: message.into(), help: help.into() }
     }

@@ -5,7 +5,7 @@ use std::fmt;
 use serde::{Serialize, Serializer};
 use serde_json::Value;
 
-/// Part of a document: its lines of text, and its JSON object.
+/// Part of a document: its lines of text, and the JSON object with the same content.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct Section {
     lines: Vec<String>,
@@ -21,7 +21,7 @@ pub(crate) enum Json {
 }
 
 impl Section {
-    /// Adds a line of text.
+    /// Adds a line to the text. The JSON object is not changed.
     pub(crate) fn line(&mut self, line: impl Into<String>) {
         self.lines.push(line.into());
     }
@@ -118,7 +118,7 @@ impl fmt::Display for Section {
 }
 
 /// Formats a number with at most `digits` decimals, without trailing zeros. Rounding hides the last digits of binary
-/// fractions, for example of 0.30000000000000004.
+/// fractions, such as 0.30000000000000004.
 pub(crate) fn figure(number: f64, digits: usize) -> String {
     format!("{number:.digits$}").trim_end_matches('0').trim_end_matches('.').to_owned()
 }

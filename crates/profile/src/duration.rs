@@ -7,7 +7,7 @@ use serde::{Deserialize, Deserializer};
 use crate::schema_of::schema_of;
 use crate::wording::duration_text;
 
-/// Duration, as written in a profile.
+/// Duration that has been parsed from a text of the profile, such as `"300ms"`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Timespan(pub(crate) Duration);
 
@@ -31,12 +31,12 @@ schema_of!(Timespan as "Duration": {
     "examples": ["300ms", "10s", "3min"],
 });
 
-/// Formats a duration in the notation of a profile.
+/// Formats a duration in the notation of a profile, for example as `1m 30s`.
 pub(crate) fn shown(span: Duration) -> String {
     duration_text(span)
 }
 
-/// Returns a duration in milliseconds.
+/// Returns a duration in milliseconds, with the fraction.
 pub(crate) fn ms(span: Duration) -> f64 {
     1000.0 * span.as_secs_f64()
 }

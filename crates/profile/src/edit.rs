@@ -11,11 +11,11 @@ use toml::{Table, Value};
 /// Text of a profile in which the models of an axis have been replaced.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ModelEdit {
-    /// Text of the whole profile.
+    /// Text of the whole profile, with the new models.
     pub text: String,
-    /// First line of the new model, counted from 1.
+    /// Line of `text` at which the new models begin, counted from 1.
     pub line: usize,
-    /// Number of models that were replaced.
+    /// Number of models that the axis had before, and that were replaced.
     pub replaced: usize,
 }
 

@@ -10,7 +10,7 @@ use crate::safe_file::LONGEST_QUOTE;
 use crate::source_map::SourceMap;
 use crate::wording::{allowing_line, counted};
 
-/// Error or warning in a profile.
+/// Error or warning in a profile: its position, a message and a hint.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct ProfileError {
     /// Source of the wrong value: a file name, an environment variable (`environment ISOTHERM__…`), or an option
@@ -20,7 +20,7 @@ pub struct ProfileError {
     pub line: Option<usize>,
     /// Column, counted from 1, in characters. `None` if the source is not a file.
     pub column: Option<usize>,
-    /// Path of the key, for example `axis.z.model[0].terms[1].gain`.
+    /// Path of the key, for example `axis.z.model[0].terms[1].gain`. Empty for an error about a whole file.
     pub key: String,
     /// Description of the mistake, in one sentence.
     pub message: String,
@@ -88,7 +88,7 @@ impl Findings {
         self.described.len()
     }
 
-    /// Appends a text to the message of the stored error with this index.
+    /// Appends a text to the message of the stored error with this index. Does nothing if no error has this index.
     pub(crate) fn append_to_message(&mut self, index: usize, text: &str) {
         if let Some(error) = self.described.get_mut(index) {
             error.message.push_str(text);
@@ -142,7 +142,7 @@ fn cut(text: &mut String, longest: usize) {
 pub struct Errors(pub Vec<ProfileError>);
 
 impl ProfileError {
-    /// Creates an error about a whole file.
+    /// Creates an error about a whole file. It has no key and no line.
     pub(crate) fn about(
         file: impl Into<String>,
         message: impl Into<String>,

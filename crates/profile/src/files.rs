@@ -38,7 +38,7 @@ pub(crate) struct Disk<'a> {
     reads: Mutex<Reads>,
 }
 
-/// Record of the files that were read.
+/// Record of the files that were read: their names, and optionally a copy of their content.
 #[derive(Debug, Default)]
 pub(crate) struct Reads {
     pub(crate) names: BTreeSet<String>,
@@ -140,7 +140,8 @@ impl Files<'_> {
             && !self.is_there(name)
     }
 
-    /// Returns the path of a file, for messages.
+    /// Returns the path of a file for messages: the directory of the profile and `name`, or only `name` for files in
+    /// memory.
     pub(crate) fn path(&self, name: &str) -> String {
         match self.directory() {
             Some(directory) => directory.join(name).display().to_string(),

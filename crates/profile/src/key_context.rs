@@ -112,22 +112,22 @@ impl<'a> Report<'a> {
 }
 
 impl<'c> KeyContext<'c> {
-    /// Returns the context of a key at the top level of the profile.
+    /// Returns the context of another key, at the top level of the profile.
     pub(crate) fn top(&self, key: &str) -> KeyContext<'c> {
         self.report.at(key)
     }
 
-    /// Returns the context of a key in this table.
+    /// Returns the context of the key `key` in the table of this context.
     pub(crate) fn key(&self, key: &str) -> KeyContext<'c> {
         KeyContext { report: self.report, path: child(&self.path, key) }
     }
 
-    /// Returns the context of the list entry with this index. The index counts from 0.
+    /// Returns the context of an entry of the list at this key. The index counts from 0.
     pub(crate) fn item(&self, index: usize) -> KeyContext<'c> {
         KeyContext { report: self.report, path: element(&self.path, index) }
     }
 
-    /// Returns whether this table has the key with a value of the correct type.
+    /// Returns whether the table of this context has the key `key` with a value of the correct type.
     pub(crate) fn has(&self, key: &str) -> bool {
         self.report.spans.is_right(&child(&self.path, key))
     }
@@ -255,7 +255,7 @@ impl<'c> KeyContext<'c> {
         Some(found)
     }
 
-    /// Marks a signal as used.
+    /// Marks a signal as used. `isotherm check` lists the signals that nothing uses.
     pub(crate) fn uses(&self, signal: SignalId) {
         self.report.used.borrow_mut()[signal.0] = true;
     }
@@ -277,7 +277,8 @@ impl<'c> KeyContext<'c> {
         Some(position)
     }
 
-    /// Returns whether this signal is a temperature.
+    /// Returns whether this signal is a temperature: its unit is °C or K. `false` without a signal, or if its unit is
+    /// unknown.
     pub(crate) fn is_temperature(&self, signal: Option<SignalId>) -> bool {
         let unit = signal.and_then(|id| self.unit_of(id));
         unit.is_some_and(|unit| matches!(unit.0, "degC" | "K"))

@@ -400,7 +400,7 @@ struct Loader<'a> {
     errors: Findings,
     /// Parsed layers. The first layer is the profile, unless the profile cannot be parsed.
     layers: Vec<Value>,
-    /// Keys that layers above the profile set, although the rules of these keys forbid this.
+    /// Keys that layers above the profile set against the rules of these keys.
     refused: Vec<Refusal>,
     /// Number of layers that are files.
     files: usize,
@@ -433,7 +433,7 @@ impl Loader<'_> {
         }
     }
 
-    /// Adds a layer above the existing layers. Its values replace theirs.
+    /// Adds a layer. Its values replace the values of the layers that were added before.
     fn layer(&mut self, layer: Value) {
         if let Some(profile) = self.layers.first().filter(|_| !self.broken) {
             self.refused.extend(protected_keys::refused(&self.schemas.profile, profile, &layer, &self.spans));
@@ -441,7 +441,8 @@ impl Loader<'_> {
         self.layers.push(layer);
     }
 
-    /// Adds one value from the environment or the command line.
+    /// Adds one value from the environment or the command line as a layer. `parts` is the path of its key, `below`
+    /// contains the merged files. With `any_case`, the case of letters in `parts` is ignored.
     fn setting(&mut self, name: &str, parts: &[&str], text: &str, below: &Value, any_case: bool) {
         let layer = self.spans.add_layer(name, None);
         let (keys, schema) = match find(&self.schemas.profile, below, parts, any_case) {
@@ -516,7 +517,7 @@ impl Loader<'_> {
     }
 }
 
-/// Merges the layers. If that fails, reports an error and returns null.
+/// Merges the layers, later ones over earlier ones. If merging fails, reports an error and returns null.
 fn merge_all(layers: &[Value], errors: &mut Findings) -> Value {
     merge::merged(layers).unwrap_or_else(|why| {
         errors.push(ProfileError::about("the layers", why.to_string(), None));

@@ -18,7 +18,7 @@ impl FromIterator<(usize, usize)> for Members {
 }
 
 impl Members {
-    /// Members of one owner, each once, in ascending order.
+    /// Iterates over the indices of the members of one owner. Each index occurs once, in ascending order.
     pub fn of(&self, owner: usize) -> impl Iterator<Item = usize> + Clone {
         let first = self.0.partition_point(|(known, _)| *known < owner);
         self.0[first..].iter().take_while(move |(known, _)| *known == owner).map(|(_, member)| *member)

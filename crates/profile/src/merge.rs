@@ -24,7 +24,7 @@ impl Source for Layer {
     }
 }
 
-/// Merges all layers, later ones over earlier ones.
+/// Merges all layers, later ones over earlier ones. Returns the error of the crate `config` if merging fails.
 pub(crate) fn merged(layers: &[Value]) -> Result<Value, ConfigError> {
     let start = config::Config::builder();
     let builder = layers.iter().fold(start, |builder, layer| builder.add_source(Layer(layer.clone())));

@@ -65,7 +65,8 @@ pub struct Profile {
 }
 
 impl Profile {
-    /// Shortest `max_age` (age at which a reading becomes stale) of all signals.
+    /// Returns the shortest `max_age` (age at which a reading becomes stale) of all signals; `Duration::MAX` without
+    /// signals.
     pub fn shortest_age(&self) -> Duration {
         self.signals.iter().map(|signal| signal.max_age).min().unwrap_or(Duration::MAX)
     }
@@ -75,22 +76,22 @@ impl Profile {
         self.signals_of(device).map(|(_, signal)| signal.max_age).min().unwrap_or(Duration::MAX)
     }
 
-    /// Signal with this index.
+    /// Returns the signal with this index, which must be an index of this profile.
     pub fn signal(&self, id: SignalId) -> &Signal {
         &self.signals[id.0]
     }
 
-    /// Device with this index.
+    /// Returns the device with this index, which must be an index of this profile.
     pub fn device(&self, id: DeviceId) -> &Device {
         &self.devices[id.0]
     }
 
-    /// Bus with this index.
+    /// Returns the bus with this index, which must be an index of this profile.
     pub fn bus(&self, id: BusId) -> &Bus {
         &self.buses[id.0]
     }
 
-    /// Devices on a bus.
+    /// Iterates over the devices on a bus, each with its index.
     pub fn devices_on(&self, bus: BusId) -> impl Iterator<Item = (DeviceId, &Device)> + Clone {
         self.lists().devices.of(bus.0).map(move |place| (DeviceId(place), &self.devices[place]))
     }
@@ -102,7 +103,7 @@ impl Profile {
         device.quirks.gateway.is_present(self.bus(device.bus).transport, units)
     }
 
-    /// Signals that are read from a device.
+    /// Iterates over the signals that are read from a device, each with its index.
     pub fn signals_of(&self, device: DeviceId) -> impl Iterator<Item = (SignalId, &Signal)> + Clone {
         self.lists().signals.of(device.0).map(move |place| (SignalId(place), &self.signals[place]))
     }
@@ -115,7 +116,7 @@ impl Profile {
         })
     }
 
-    /// Axis with this index.
+    /// Returns the axis with this index, which must be an index of this profile.
     pub fn axis(&self, id: AxisId) -> &Axis {
         &self.axes[id.0]
     }
@@ -131,12 +132,12 @@ impl Profile {
         self.axes.iter().take_while(|axis| axis.purpose == Purpose::Compensation).count()
     }
 
-    /// Output with this index.
+    /// Returns the output with this index, which must be an index of this profile.
     pub fn output(&self, id: OutputId) -> &Output {
         &self.outputs[id.0]
     }
 
-    /// Output set with this index.
+    /// Returns the output set with this index, which must be an index of this profile.
     pub fn set(&self, id: SetId) -> &OutputSet {
         &self.sets[id.0]
     }

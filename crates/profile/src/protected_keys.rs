@@ -39,7 +39,7 @@ enum Rule {
     Arrives,
 }
 
-/// Key that a layer sets, although the rule of the key forbids this.
+/// Key that a layer sets against the rule of the key, with the error for the user.
 #[derive(Debug)]
 pub(crate) struct Refusal {
     kind: String,
@@ -118,7 +118,7 @@ pub(crate) fn allowed(profile: &Value) -> Vec<String> {
     list.into_iter().flatten().filter_map(Value::as_str).map(str::to_owned).collect()
 }
 
-/// Returns the keys that a layer sets, although the rules of these keys forbid this.
+/// Returns the keys that a layer sets against the rules of the keys, except the keys in `allow_override`.
 pub(crate) fn refused(root: &Value, profile: &Value, layer: &Value, spans: &SourceMap) -> Vec<Refusal> {
     let mut guards = Guards {
         root,
@@ -184,7 +184,8 @@ impl<'a> Influence<'a> {
         Influence { devices, signals, axes }
     }
 
-    /// Returns whether the refused key influences the data that the machine receives.
+    /// Returns whether the refused key influences the data that the machine receives. Keys of a device or a signal, and
+    /// the models of an axis, count only if these lists contain its name. All other keys count.
     fn has(&self, Refusal { kind, name, key, .. }: &Refusal) -> bool {
         match (kind.as_str(), key.as_str()) {
             ("device", _) => self.devices.contains(name.as_str()),

@@ -118,9 +118,9 @@ pub fn first_line<R: Read>(input: R) -> io::Result<(String, Lines<R>)> {
 #[derive(Debug)]
 pub struct Lines<R> {
     input: Chain<Cursor<Vec<u8>>, BufReader<R>>,
-    /// Last byte that was read.
+    /// Last byte of the input that was read, to recognise the line ending CR LF across two reads.
     last: u8,
-    /// Number of bytes read since the last row ended.
+    /// Number of bytes, without line feeds, that were returned since the last row ended.
     open: usize,
 }
 

@@ -21,7 +21,7 @@ const MOST_COMMAS: usize = 500_000;
 /// times the size of a file that consists of such errors.
 const MOST_SEARCHED: usize = 1_000_000;
 
-/// Check of one layer of the profile against the JSON schema.
+/// Check of one layer against the JSON schema. It records the positions of the layer's keys, and collects errors.
 pub(crate) struct SchemaCheck<'a> {
     pub(crate) schema: &'a Value,
     pub(crate) layer: usize,

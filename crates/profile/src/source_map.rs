@@ -101,7 +101,7 @@ pub(crate) struct SourceMap {
     notes: BTreeMap<String, String>,
 }
 
-/// Builds the path of a key in a table.
+/// Builds the path of a key in a table: `axis.z` from `axis` and `z`. A key with special characters is quoted.
 pub(crate) fn child(path: &str, key: &str) -> String {
     let is_plain = !key.is_empty()
         && key.bytes().all(|byte| byte.is_ascii_alphanumeric() || matches!(byte, b'_' | b'-'));
@@ -114,7 +114,7 @@ fn is_in_list(path: &str) -> bool {
     path.contains('[')
 }
 
-/// Builds the path of an entry of a list.
+/// Builds the path of an entry of a list: `terms[1]` from `terms` and 1.
 pub(crate) fn element(path: &str, index: usize) -> String {
     format!("{path}[{index}]")
 }

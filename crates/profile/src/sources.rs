@@ -80,7 +80,7 @@ impl FileStamp {
 #[derive(Debug)]
 pub struct Sources {
     file: File,
-    /// Position in `file` after the last record.
+    /// Byte position in `file` after the last record.
     end: u64,
     layers: Layers,
     /// States of the files, by name relative to the directory of the profile. The number is the position of the file's

@@ -8,9 +8,9 @@ use isotherm_core::quantity::Micron;
 
 /// Time at the end of a stop of the gateway for the last reports and the last writes to disk.
 const REST: Duration = Duration::from_secs(2);
-/// Time after `REST` in which the gateway posts the last event messages to the servers of `[[notify]]`.
+/// Time after `REST` for posting the last event messages to the servers of `[[notify]]`.
 pub const MESSAGES: Duration = Duration::from_secs(2);
-/// Time in parallel to [`MESSAGES`] in which the MQTT broker accepts the last state and the disconnection.
+/// Time for sending the last state to the MQTT broker and disconnecting. It runs in parallel to [`MESSAGES`].
 pub const BROKER: Duration = Duration::from_secs(4);
 
 /// Returns the maximum duration of the fault actions. `ways` contains for each axis the distances in µm by which Cz
@@ -46,8 +46,8 @@ pub fn hold(profile: &Profile) -> Duration {
     slowest.unwrap_or_default() + REST
 }
 
-/// Returns the maximum wait for the MQTT broker and the message servers at the end of a stop. `None` if the profile has
-/// neither.
+/// Returns the maximum time at the end of a stop for the MQTT broker and the servers of `[[notify]]`. `None` if the
+/// profile has neither.
 pub fn told(profile: &Profile) -> Option<Duration> {
     let broker = profile.mqtt.as_ref().map(|_| BROKER);
     broker.max((!profile.notify.is_empty()).then_some(MESSAGES))

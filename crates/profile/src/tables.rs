@@ -163,7 +163,7 @@ impl Check<'_> {
         Some(profile)
     }
 
-    /// Resolves the tables of one kind, in the order of the file.
+    /// Resolves the tables of one kind, in the order of the file. A table with an error is `None` in the result.
     fn each<R, T>(
         &self,
         tables: &Tables<T>,

@@ -15,8 +15,8 @@ pub fn counted(count: impl Display, noun: &str) -> String {
     format!("{count} {noun}{plural}")
 }
 
-/// Formats the line `allow_override = […]`, with which a profile permits layers (local file, environment, `--set`) to
-/// set these keys.
+/// Formats the line `allow_override = […]` with these keys. With this line, a profile permits layers (local file,
+/// environment, `--set`) to set the keys.
 pub(crate) fn allowing_line<'a>(keys: impl IntoIterator<Item = &'a String>) -> String {
     let keys: Vec<String> = keys.into_iter().map(|key| format!("{key:?}")).collect();
     format!("allow_override = [{}]", keys.join(", "))

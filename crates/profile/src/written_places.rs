@@ -48,7 +48,7 @@ impl Profile {
 
 struct Written<'p> {
     profile: &'p Profile,
-    /// Registers, nodes, objects and frames of each bus, as texts.
+    /// Registers, nodes, objects and frames that were found so far, as texts, for each bus by its index.
     places: Vec<BTreeSet<String>>,
 }
 

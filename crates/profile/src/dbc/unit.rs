@@ -17,7 +17,7 @@ pub(crate) enum FileUnit {
         /// Conversion to a unit of a profile.
         conversion: Conversion,
     },
-    /// The text is not a known unit. The field contains the text of the file.
+    /// The text is not a known unit. The field contains the text of the unit as it is in the file.
     Unknown(String),
 }
 
@@ -108,7 +108,7 @@ const OTHERS: [(&[&str], &str); 29] = [
 /// Texts that mean a number without a unit, in lower case.
 const PLAIN: [&str; 10] = ["", "-", "--", "1", "none", "n/a", "na", "unitless", "bit", "raw"];
 
-/// Interprets the text of a unit in a DBC file.
+/// Returns the unit that a text of a DBC file means. Blanks and `_` in the text are ignored.
 pub(super) fn of(text: &str) -> FileUnit {
     let bare: String = text.chars().filter(|one| !one.is_whitespace() && *one != '_').collect();
     let degree = DEGREES.iter().find(|degree| bare.starts_with(**degree));

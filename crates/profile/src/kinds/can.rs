@@ -103,7 +103,7 @@ pub(super) static KIND: BusKind = BusKind {
     ..BusKind::POLLED
 };
 
-/// Resolves the settings of a device, and reads its DBC file.
+/// Resolves the parts of a device that depend on CAN: its node number and its other settings. Also reads its DBC file.
 fn device(check: &Check<'_>, raw: &RawDevice, at: &KeyContext<'_>, _: Option<&Bus>) -> DeviceParts {
     let can = settings(raw, at);
     node::heartbeat_produced(at, &can);
@@ -152,7 +152,8 @@ fn interface(raw: &RawBus, at: &KeyContext<'_>) -> Option<String> {
     Some(name.clone())
 }
 
-/// Resolves the settings of a device on a CAN line.
+/// Resolves the settings of a device on a CAN line: its node number, heartbeat, `setup` and emergency codes. Reports
+/// keys that need a node number or a DBC file if that is missing.
 fn settings(raw: &RawDevice, at: &KeyContext<'_>) -> CanDevice {
     if at.key("node").is_left_out() {
         let of_node = ["start", "heartbeat", "setup", "emergency", "verify"];

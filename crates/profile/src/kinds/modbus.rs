@@ -66,7 +66,8 @@ pub(super) static KIND: BusKind = BusKind {
     ..BusKind::POLLED
 };
 
-/// Checks that the unit identifier of a device is allowed on a line of this kind.
+/// Returns the Modbus unit identifier of a device. Reports an error if the line does not allow this identifier, or does
+/// not allow the quirk `gateway`.
 fn device(_: &Check<'_>, raw: &RawDevice, at: &KeyContext<'_>, line: Option<&Bus>) -> DeviceParts {
     // Lines with RTU or ASCII frames.
     let over_rtu = line.is_some_and(|line| line.transport != Transport::Tcp);

@@ -102,7 +102,7 @@ fn requests(device: &Device, signals: &SignalsOf<'_>) -> Vec<ReadRequest> {
     (!fields.is_empty()).then_some(ReadRequest { asks, fields }).into_iter().collect()
 }
 
-/// Resolves the node of a signal.
+/// Resolves the node of a signal, with its scale and its raw values for "no measurement". `None` if they have an error.
 fn signal(_: &Check<'_>, raw: &RawSignal, at: &KeyContext<'_>, _: Option<&Device>) -> Option<Located> {
     let node = nodes::read(at, raw.node.as_ref(), raw.kind, raw.element.as_ref());
     let scale = register::scale(&at.key("scale"), raw.scale.unwrap_or(1.0));
@@ -115,7 +115,7 @@ fn signal(_: &Check<'_>, raw: &RawSignal, at: &KeyContext<'_>, _: Option<&Device
     Some(Located::of(Address::Node(node), encoding, unit))
 }
 
-/// Resolves the node of an output.
+/// Resolves the node of an output, with its encoding and verification. `None` if they have an error.
 fn output(
     check: &Check<'_>,
     raw: &RawOutput,

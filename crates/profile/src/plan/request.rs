@@ -118,12 +118,12 @@ impl ReadRequest {
         if let ReadTarget::Registers { from, count } = self.asks { Some((from, count)) } else { None }
     }
 
-    /// Fields with the values of signals.
+    /// Iterates over the fields that contain the value of a signal.
     pub fn values(&self) -> impl Iterator<Item = &Field> {
         self.fields.iter().filter(|field| field.content == FieldContent::Value)
     }
 
-    /// Fields with the scales of signals.
+    /// Iterates over the fields that contain the scale of a signal.
     pub fn scales(&self) -> impl Iterator<Item = &Field> {
         self.fields.iter().filter(|field| field.content == FieldContent::Scale)
     }
@@ -161,7 +161,7 @@ impl ReadRequest {
         section
     }
 
-    /// Order of the requests of a device: by address, then by signal.
+    /// Returns the sort key of the request among the requests of a device: first the address, then the signal.
     pub(crate) fn rank(&self) -> (Option<(Register, u16)>, SignalId) {
         (self.span(), self.fields[0].signal)
     }

@@ -63,8 +63,8 @@ pub(super) fn readers(profile: &Profile) -> Members {
     pairs.collect()
 }
 
-/// Returns the checks of a device with their actual periods. The second list states how far each axis that reads from
-/// the device (`readers`) may move before a changed setting is detected.
+/// Returns the checks of a device with their actual periods, and a list of sentences. The sentences state how far each
+/// axis that reads from the device (`readers`) may move before a changed setting is detected.
 pub(super) fn preview(
     profile: &Profile,
     (id, device): (DeviceId, &Device),

@@ -55,7 +55,7 @@ pub enum Verdict {
     Full,
 }
 
-/// Duration of an exchange: the time `known`, plus the answer time of the device multiplied by `waits`.
+/// Duration of an exchange: the time `known`, plus `waits` times the answer time of the device.
 struct Cost {
     known: Duration,
     waits: f64,
@@ -74,7 +74,8 @@ fn cost(bus: &Bus, device: &Device, asked: &Exchange) -> Cost {
     Cost { known, waits: 1.0 }
 }
 
-/// Returns the time of one exchange, including the assumed answer time of the device.
+/// Returns the time of one exchange, including the assumed answer time of the device, its pauses, and a new connection
+/// if the device needs one.
 pub(super) fn exchange_time(bus: &Bus, device: &Device, asked: &Exchange) -> Duration {
     let Cost { known, waits } = cost(bus, device, asked);
     let (_, line) = kinds::of(bus.transport);

@@ -1,4 +1,4 @@
-//! Preview of what happens when the gateway stops: the effect on the registers, and the longest duration.
+//! Preview of a stop of the gateway: its effect on the registers, and its longest duration.
 
 use std::time::Duration;
 

@@ -15,7 +15,7 @@ use isotherm_core::reading::SignalId;
 /// when it falls. The second read of each pair follows one cycle of the control (CNC) later.
 const ASKS: u8 = 5;
 
-/// Exchange that is repeated at a constant rate.
+/// Exchange (request and answer) with one device, repeated at a constant rate.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Exchange {
     pub(super) device: DeviceId,
@@ -41,7 +41,7 @@ pub(super) fn traffic(profile: &Profile) -> Vec<Vec<Exchange>> {
 
 struct Traffic<'a> {
     profile: &'a Profile,
-    /// Exchanges of each line, by the index of the bus.
+    /// Exchanges that have been collected so far, for each line by the index of its bus.
     asked: Vec<Vec<Exchange>>,
 }
 
@@ -111,7 +111,7 @@ impl Traffic<'_> {
         }
     }
 
-    /// Returns how often per second a position is read. Each reading is corrected by Cz and written.
+    /// Returns how often per second a position is read. The gateway adds Cz to each reading and writes the sum.
     fn position(&self, position: SignalId) -> f64 {
         let signal = self.profile.signal(position);
         let device = self.profile.device(signal.device);
@@ -119,7 +119,7 @@ impl Traffic<'_> {
         per(sync.map_or(device.every, |sync| sync.every))
     }
 
-    /// Adds the writes of an output's value. For a digit display, they include its additional registers.
+    /// Adds the writes of an output's value. For a digit display, the writes include the additional registers.
     fn write(&mut self, output: &Output, per_second: f64) {
         if !is_asked_for(&output.address) {
             return;
@@ -210,7 +210,7 @@ fn transfers(address: &Address, registers: u16) -> usize {
     if matches!(address, Address::Object(_)) { segments(registers) } else { 1 }
 }
 
-/// Number of exchanges for one read request.
+/// Returns the number of exchanges for one read request.
 fn transfers_of(request: &ReadRequest) -> usize {
     let registers = request.fields.iter().map(|field| field.len).sum();
     if matches!(request.asks, ReadTarget::Object(_)) { segments(registers) } else { 1 }

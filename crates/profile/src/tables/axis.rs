@@ -215,7 +215,8 @@ impl Axis {
 }
 
 impl RawAxis {
-    /// Resolves an axis. `settle` is the averaging time of references, from the table `[machine]`.
+    /// Resolves the table of an axis with its models. `settle` is the averaging time of references, from the table
+    /// `[machine]`.
     pub(super) fn resolve(&self, settle: Option<Timespan>, at: &KeyContext<'_>, name: &str) -> Option<Axis> {
         let guard = self.guard(at);
         let every = at.key("every").period(self.every);

@@ -97,7 +97,7 @@ pub(crate) struct RawSync {
     pub(crate) every: Option<Timespan>,
 }
 
-/// Type of a bus line: its name in the profile, its keys, and whether several buses may share the physical line.
+/// Type of a bus line: its name in the profile, its keys, and whether buses may share the physical line.
 pub(crate) struct LineType {
     /// Value of the key `type` for this type of line.
     pub(crate) word: BusType,
@@ -128,7 +128,7 @@ pub(crate) struct LineSettings {
 /// Bus of the profile (one physical line), after all its keys were checked.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Bus {
-    /// Name in the profile.
+    /// Name of the bus: `cell` for the table `[bus.cell]`.
     pub name: String,
     /// Transport of the line.
     pub transport: Transport,

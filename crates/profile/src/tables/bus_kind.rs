@@ -33,7 +33,7 @@ pub(crate) type SignalsOf<'a> = [(SignalId, &'a Signal)];
 /// Keys of a signal that only one kind of bus has.
 pub(crate) struct SignalKeys {
     pub(crate) keys: &'static [&'static str],
-    /// Name of the tables that may have the keys, used in messages.
+    /// Name, for messages, of the tables that may have the keys, for example "an OPC UA server".
     pub(crate) owner: &'static str,
     /// Hint if the key is used on a line of another kind. `None` if that kind has its own hint.
     pub(crate) help: Option<&'static str>,
@@ -52,8 +52,7 @@ pub(crate) struct BusKind {
     pub(crate) has_load: bool,
     /// Returns whether a line with an invalid `type` is of this kind, judging by its other keys.
     pub(crate) recognises: fn(&RawBus) -> bool,
-    /// Checks the other keys of a line with an invalid `type`. The flag is true if these keys show the kind of the
-    /// line.
+    /// Checks the other keys of a line with an invalid `type`. The flag is true if these keys show the kind.
     pub(crate) line_without_type: fn(&RawBus, &KeyContext<'_>, bool),
     /// Resolves transport and address of a line. `None` if the transport has an error.
     pub(crate) line: fn(&RawBus, &KeyContext<'_>, BusType) -> Option<TransportAddress>,

@@ -24,7 +24,7 @@ use crate::template::Templates;
 /// Tables of one kind: their names, and the tables that have been resolved so far.
 pub(crate) struct Tables<T> {
     pub(crate) names: Names,
-    /// Resolved tables in the order of the names. `None` if a table has errors.
+    /// Resolved tables in the order of the names. An entry is `None` if its table has errors.
     pub(crate) resolved: Vec<Option<T>>,
 }
 
@@ -43,7 +43,7 @@ pub(crate) struct Check<'a> {
     pub(super) axes: Tables<Axis>,
     pub(crate) outputs: Tables<Output>,
     pub(super) sets: Tables<OutputSet>,
-    /// Frames that outputs write on CAN lines.
+    /// Values that outputs write into frames on CAN lines. They are collected while the outputs are resolved.
     pub(crate) written_frames: RefCell<Vec<Written>>,
     pub(crate) dbcs: RefCell<Dbcs>,
     /// Periods of reads and writes on each line.
@@ -60,7 +60,7 @@ impl<T> Tables<T> {
         self.resolved.get(place)?.as_ref()
     }
 
-    /// Iterates over the tables without errors.
+    /// Iterates over the resolved tables that have no errors.
     pub(crate) fn valid(&self) -> impl Iterator<Item = &T> {
         self.resolved.iter().flatten()
     }
@@ -72,7 +72,7 @@ impl<T> Tables<T> {
         tables.filter_map(|(place, table)| Some((owner(table.as_ref()?)?, place))).collect()
     }
 
-    /// Takes all resolved tables out of the list. `None` if a table has errors.
+    /// Moves all resolved tables out of the list. Returns `None` if any table has errors.
     pub(super) fn whole(&mut self) -> Option<Vec<T>> {
         std::mem::take(&mut self.resolved).into_iter().collect()
     }
@@ -108,7 +108,7 @@ impl Check<'_> {
         self.kinds.iter().copied().filter(move |kind| !std::ptr::eq(*kind, own))
     }
 
-    /// Returns the bus of a device.
+    /// Returns the bus of a device. `None` if the bus has errors.
     pub(crate) fn bus_of(&self, device: &Device) -> Option<&Bus> {
         self.buses.get(device.bus.0)
     }

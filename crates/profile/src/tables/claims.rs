@@ -14,7 +14,7 @@ use isotherm_core::codec::{Address, DataType, NodeId, Register};
 /// register.
 type Claimed<'c> = HashMap<(&'c str, u8, Register), Vec<usize>>;
 
-/// Claim on registers: a table of the profile reads or writes these registers.
+/// Claim on registers: one key of the profile names registers that the gateway reads or writes.
 struct Claim<'c> {
     /// Address of the bus line, and Modbus unit identifier. Together they identify a physical device, which may have
     /// two names in the profile.
@@ -32,7 +32,7 @@ impl Claim<'_> {
         u32::from(self.address.offset) + u32::from(self.data_type.registers()) - 1
     }
 
-    /// Iterates over the registers, up to the last valid address.
+    /// Iterates over the claimed registers. Registers beyond the last valid address are left out.
     fn registers(&self) -> impl Iterator<Item = Register> {
         let Register { table, offset } = self.address;
         (offset..=u16::try_from(self.last()).unwrap_or(u16::MAX))

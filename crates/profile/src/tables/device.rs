@@ -122,7 +122,7 @@ pub(crate) struct DeviceParts {
 /// Resolved device on a bus.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Device {
-    /// Name in the profile.
+    /// Name of the device: `plc` for the table `[device.plc]`.
     pub name: String,
     /// Display name. Empty if the profile has none.
     pub label: String,
@@ -131,9 +131,9 @@ pub struct Device {
     /// Modbus unit identifier, or CANopen node number. 0 for a device that only sends frames, a server, or sensors of
     /// this computer.
     pub unit: u8,
-    /// Poll period of the device's signals.
+    /// Period at which the device's signals are polled.
     pub every: Duration,
-    /// Function codes that may be sent.
+    /// Modbus function codes that the gateway may send to the device.
     pub functions: Functions,
     /// Quirks: special requirements of the device. A quirk that the device does not set has the value of its bus.
     pub quirks: Quirks,

@@ -42,7 +42,8 @@ pub enum Bit {
     Node(Node),
 }
 
-/// Handshake of an output or an output set, after its keys were checked.
+/// Handshake of an output or an output set, after its keys were checked. Strobe and acknowledge bit are on the same
+/// device.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Handshake {
     /// Strobe signal, written by the gateway.

@@ -42,9 +42,9 @@ pub(crate) struct RawHeartbeat {
 pub struct Heartbeat {
     /// Device to which the heartbeat is written.
     pub device: DeviceId,
-    /// Holding register or node.
+    /// Holding register or OPC UA node that contains the counter.
     pub address: Address,
-    /// Period of the heartbeat.
+    /// Period at which the gateway increases the counter and writes it.
     pub every: Duration,
 }
 

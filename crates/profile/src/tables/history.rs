@@ -35,9 +35,9 @@ pub(crate) struct RawHistory {
 pub struct History {
     /// Directory. `None` for the state directory of the platform.
     pub directory: Option<PathBuf>,
-    /// Time for keeping logs.
+    /// Time for keeping logs. Older logs are deleted.
     pub keep: Duration,
-    /// Largest size of all logs together, in bytes.
+    /// Largest size of all logs together, in bytes. Above it, the oldest logs are deleted.
     pub max_size: u64,
 }
 

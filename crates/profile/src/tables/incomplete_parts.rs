@@ -6,7 +6,8 @@ use std::collections::HashSet;
 
 use super::Check;
 
-/// Returns the names of the signals that no model, condition, output or machine state uses.
+/// Returns the names of the signals that no model, condition, output or machine state uses. Returns an empty list while
+/// an axis has no model.
 pub(super) fn only_recorded(check: &Check<'_>) -> Vec<String> {
     // The signals of a missing model are unknown.
     if check.axes.names.iter().any(|name| lacks_model(check, name)) {

@@ -79,7 +79,7 @@ pub enum OnStop {
     Hold,
 }
 
-/// Resolved settings of the whole machine.
+/// Resolved settings of the whole machine. They become fields of `Profile`.
 #[derive(Default)]
 pub(super) struct Machine {
     pub(super) name: String,

@@ -111,7 +111,7 @@ enum MqttCommand {
     Measured,
 }
 
-/// Resolved settings of the publication.
+/// Resolved settings of the publication of values and events to an MQTT broker.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Mqtt {
     /// Address of the broker.
@@ -141,12 +141,13 @@ pub struct Mqtt {
     table_at: ProfileError,
 }
 
-/// User of the gateway.
+/// User as which the gateway logs in to the broker.
 #[derive(Clone, Debug, PartialEq)]
 pub struct MqttUser {
     /// Name of the user.
     pub name: String,
-    /// File that contains the password. A newline at the end of the file is not part of the password.
+    /// File that contains the password. A newline at the end of the file is not part of the password. `None` for a user
+    /// without a password.
     pub password: Option<NamedFile>,
 }
 

@@ -63,7 +63,7 @@ pub enum AnonymousClients {
     Refused,
 }
 
-/// Resolved settings of the OPC UA server.
+/// Resolved settings of the gateway's own OPC UA server.
 #[derive(Clone, Debug, PartialEq)]
 pub struct OpcUaServer {
     /// Host and port on which the server listens. Port 0 selects any free port.
@@ -72,7 +72,7 @@ pub struct OpcUaServer {
     pub security: Security,
     /// Certificate and key of the server. `None` without security.
     pub own: Option<(NamedFile, NamedFile)>,
-    /// Certificates of trusted clients.
+    /// Certificates of the clients that the server trusts.
     pub trusted: Vec<NamedFile>,
     /// Directory of the trusted certificates, as written in the profile.
     pub trusted_in: Option<String>,
@@ -161,7 +161,7 @@ impl RawOpcUaServer {
         pair(at, (self.cert.as_ref(), of_cert), (self.key.as_ref(), of_key))
     }
 
-    /// Reads the certificates in the named directory.
+    /// Reads the certificates of trusted clients in the directory that the key `trusted` names.
     fn trusted(&self, at: &KeyContext<'_>) -> Option<Vec<NamedFile>> {
         let at = at.key("trusted");
         let help = "write the name of a directory with the certificates of the trusted clients, one in each \

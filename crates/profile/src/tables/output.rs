@@ -123,9 +123,9 @@ pub(super) struct RawRestart {
 /// Output of the profile, after all its keys were checked.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Output {
-    /// Name in the profile.
+    /// Name of the output: `cnc_z` for the table `[output.cnc_z]`.
     pub name: String,
-    /// Axis whose Cz is written.
+    /// Axis whose Cz (compensation value) is written.
     pub axis: AxisId,
     /// Device that is written to.
     pub device: DeviceId,
@@ -133,17 +133,17 @@ pub struct Output {
     pub address: Address,
     /// Encoding of the value in registers.
     pub encoding: Encoding,
-    /// Quantity that is written.
+    /// Quantity that is written, for example Cz or a position plus Cz.
     pub writes: Writes,
-    /// Verification of a write.
+    /// Way in which the gateway verifies each write.
     pub verify: Verify,
-    /// Period for writing an unchanged value again.
+    /// Period for writing an unchanged value again. `None` if only changes are written.
     pub refresh: Option<Duration>,
     /// Interlock: condition for writing. `None` if the output has no interlock.
     pub when: Option<Condition>,
     /// Output set to which the output belongs. An output with its own handshake has an output set of its own.
     pub set: Option<SetId>,
-    /// Signal that changes at every start of the CNC. `None` if the profile names no boot counter.
+    /// Signal that changes at every start of the CNC (boot counter). `None` if the profile names no boot counter.
     pub boot_counter: Option<SignalId>,
     /// Who writes to the register: only the gateway, or an operator too.
     pub share: Share,
@@ -216,12 +216,13 @@ impl RawOutput {
         self.verify == Some(VerifyWord::Echo)
     }
 
-    /// Returns the verification of a value that can be read back from the written address.
+    /// Returns the verification of an output whose written address can be read: by the answer to the write if the
+    /// profile says `verify = "echo"`, else by reading back.
     pub(crate) fn verification(&self) -> Verify {
         if self.is_accepted_by_echo() { Verify::Echo } else { Verify::ReadBack }
     }
 
-    /// Resolves the size of one count at the key `scale`.
+    /// Resolves the key `scale`: the size of one count, in the unit of the output.
     pub(crate) fn scale(&self, at: &KeyContext<'_>, data_type: Option<DataType>) -> Option<Scale> {
         let is_whole = data_type?.integer_range().is_some();
         match self.scale {

@@ -126,7 +126,7 @@ impl fmt::Display for Flag {
     }
 }
 
-/// Address in the notations for the preview. Only a register has two notations.
+/// Address as the preview shows it: in one or two notations. Only a register has two notations.
 pub(crate) struct Notation {
     /// Zero-based notation of a register, for example `holding:104`. For another address, its only notation: `object
     /// 6150:01`; `0x185, 16 bits from 0 up (Intel), signed`.
@@ -181,7 +181,7 @@ impl fmt::Display for Notation {
     }
 }
 
-/// Formats the order of the registers for the preview. `None` if the value has only one register.
+/// Formats the order of a value's registers for the preview. `None` if the value has only one register.
 pub(crate) fn shown_order(address: &Address, encoding: &Encoding) -> Option<String> {
     let is_long = encoding.data_type.registers() > 1 && address.register().is_some();
     is_long.then(|| encoding.word_order.to_string())
@@ -200,7 +200,7 @@ pub(crate) fn plain(data_type: DataType) -> Encoding {
     }
 }
 
-/// Returns the type of a value that is one whole register, coil or discrete input.
+/// Returns the type of a value that occupies only this register: `U16`, or `Bool` for a coil or a discrete input.
 pub(crate) fn one(register: Register) -> DataType {
     if register.table.is_bits() { DataType::Bool } else { DataType::U16 }
 }

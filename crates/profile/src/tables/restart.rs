@@ -15,7 +15,7 @@ use crate::kinds::opcua::nodes::{Place, read};
 use isotherm_core::codec::{Address, DataType, Node};
 use isotherm_core::reading::SignalId;
 
-/// Boot counter of a device.
+/// Boot counter of a device, with the signal by which the gateway reads it.
 struct BootCounter {
     address: Address,
     signal: SignalId,
@@ -77,7 +77,7 @@ fn boot_counter(
     Some((output.device, address, at.line()))
 }
 
-/// Resolves the register or node of a boot counter.
+/// Resolves the register or node of a boot counter. `is_in_nodes` is true if the device is an OPC UA server.
 fn counts_there(at: &KeyContext<'_>, place: &Place, is_in_nodes: bool) -> Option<Address> {
     let text = match (place, is_in_nodes) {
         (Place::Register(text), false) => text,

@@ -111,12 +111,14 @@ pub struct Stretch {
 }
 
 impl OutputSet {
-    /// Name in events and errors: `set plc`, `output cnc_z`.
+    /// Returns the name of the set in events and errors: `set plc`, or `output cnc_z` for an output with its own
+    /// handshake.
     pub fn label(&self) -> String {
         format!("{} {}", if self.is_named { "set" } else { "output" }, self.name)
     }
 
-    /// Iterates over the words of the set that are not values of outputs. Each item is the key and the address.
+    /// Iterates over the words of the set that are not values of outputs. Each item is the word's key in the profile,
+    /// and its address.
     pub(super) fn own(&self) -> impl Iterator<Item = (&'static str, Address)> {
         let own = [
             ("sequence", self.sequence.map(Address::from)),

@@ -145,7 +145,7 @@ fn units(_: &mut SchemaGenerator) -> Schema {
 /// profile may have thousands of signals.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Signal {
-    /// Name in the profile.
+    /// Name of the signal: `bed` for the table `[signal.bed]`.
     pub name: String,
     /// Display name. Empty if the profile has none.
     pub label: String,
@@ -153,15 +153,17 @@ pub struct Signal {
     pub device: DeviceId,
     /// Address of the signal: its first register or bit, its object, node or sensor, or its place in frames.
     pub address: Address,
-    /// Encoding of the value.
+    /// Encoding of the value: its type, scale, offset, and raw values for "no measurement".
     pub encoding: Encoding,
     /// Register with the power of ten of the scale, which the encoding does not contain. `None` if the scale is fixed.
     pub scale_from: Option<Box<ScaleFrom>>,
-    /// Engineering unit of the value.
+    /// Engineering unit of the value after scale and offset have been applied.
     pub unit: Unit,
-    /// Smallest and largest plausible value that the profile or its template states.
+    /// Smallest and largest plausible value that the profile or its template states, in the unit of the signal. `None`
+    /// if neither states a range.
     pub range: Option<(f64, f64)>,
-    /// Largest plausible change per second that the profile states.
+    /// Largest plausible change per second that the profile states, in the unit of the signal. `None` if it states no
+    /// limit.
     pub max_rate: Option<f64>,
     /// Default limits of a temperature. They apply if the profile and its template state no limits.
     pub defaults: DefaultLimits,
@@ -169,13 +171,14 @@ pub struct Signal {
     pub is_difference: bool,
     /// Largest age of a reading. An older reading is stale, and is not used.
     pub max_age: Duration,
-    /// Condition on other signals under which this signal is bad.
+    /// Condition on other signals under which this signal is bad, so that its readings are not used.
     pub fault_when: Option<Box<Condition>>,
     /// Whether a read request may include adjacent registers of other signals.
     pub merge: bool,
-    /// Settings of a counting signal, for example a linear scale.
+    /// Rollover and largest speed of a counting signal, for example a linear scale. `None` for any other signal.
     pub counter: Option<Counter>,
-    /// Command that is written before each read, to capture the count.
+    /// Command that is written before each read, so that the device copies its count into the registers. `None` if no
+    /// command is needed.
     pub capture: Option<Capture>,
 }
 
@@ -300,11 +303,11 @@ impl Signal {
 /// Keys that state where a signal is read. A signal has at most one of them.
 pub(crate) const PLACES: [&str; 8] = ["register", "dbc", "sdo", "pdo", "frame", "node", "sensor", "text"];
 
-/// Resolved address and encoding of a signal.
+/// Resolved address and encoding of a signal, with its default unit and the register of its scale.
 pub(crate) struct Located {
     pub(crate) address: Address,
     pub(crate) encoding: Encoding,
-    /// Unit that applies if the profile states none.
+    /// Unit that the signal has if the profile states no unit.
     pub(crate) unit: Option<Unit>,
     /// Register of the scale. `None` if the scale is fixed.
     pub(crate) scale_from: Option<ScaleFrom>,

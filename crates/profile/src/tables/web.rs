@@ -98,7 +98,7 @@ impl Language {
     }
 }
 
-/// Settings of web page, API and metrics.
+/// Settings of the web page, the API and the metrics, which one server provides.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Web {
     /// Host and port. Port 0 selects any free port.
@@ -109,13 +109,13 @@ pub struct Web {
     pub tls: Option<WebTls>,
     /// Whether http without encryption is allowed for other computers.
     pub plain: bool,
-    /// File with the token for viewing only.
+    /// File with the token for viewing only. `None` if the profile names none.
     pub viewer_token_file: Option<PathBuf>,
-    /// File with the token for reading the metrics only.
+    /// File with the token for reading the metrics only. `None` if the profile names none.
     pub scrape_token_file: Option<PathBuf>,
     /// Who may send commands.
     pub commands: Commands,
-    /// Names of the web page, in addition to localhost and its addresses.
+    /// Host names under which the web page may be opened without a token, in addition to localhost and its addresses.
     pub hosts: Vec<String>,
     /// Proxies in front of the web page. They report the client of a request, and the address of the page in the
     /// client's browser.

@@ -16,9 +16,9 @@ pub(super) const OF_GROUP: [&str; 6] = ["name", "count", "from", "stride", "unve
 pub(super) struct Channel {
     /// Name of the channel in a profile, for example "0" or "cjc".
     pub(super) name: String,
-    /// Name of the group.
+    /// Name of the group of the template to which the channel belongs.
     pub(super) group: String,
-    /// Index in the group, from 0.
+    /// Index of the channel in its group, counted from 0.
     pub(super) place: u16,
     /// Keys that the profile must set for this channel.
     pub(super) asks: Vec<String>,

@@ -8,7 +8,8 @@ use super::used::Use;
 use crate::source_map::child;
 
 impl Filling<'_> {
-    /// Converts a condition on channels into a condition on signals. If no signal reads a channel, a signal is added.
+    /// Converts a condition on channels into a condition on signals. If no signal reads a channel of the condition, a
+    /// signal for it is added to the profile.
     pub(super) fn condition(&mut self, condition: &str, device: &str, at: &str) -> String {
         let mut out = String::new();
         let mut rest = condition;

@@ -142,7 +142,7 @@ impl<'a> Filling<'a> {
         }
     }
 
-    /// Adds the keys of a channel to the signal or output that names the channel.
+    /// Adds the keys of a channel to the signal or output that names this channel (key `channel`).
     fn user(&mut self, table: &'static str, name: &str, is_signal: bool) {
         let Some(user) = self.table(table, name) else { return };
         let at = child(&child(table, name), "channel");
@@ -203,8 +203,8 @@ impl<'a> Filling<'a> {
         }
     }
 
-    /// Suppresses errors about missing keys that the channel would have added. The error of the channel itself has
-    /// already been reported.
+    /// Suppresses errors about missing keys of a signal or output, because its channel could not be found and so added
+    /// no keys. The error about the channel has already been reported.
     fn nothing_missing(&mut self, table: &str, name: &str, at: &str) {
         let path = child(table, name);
         for key in ["register", "node", "type", "writes", "scale", "word_order", "read_back"]
@@ -347,7 +347,8 @@ impl<'a> Filling<'a> {
         self.profile.get_mut(table)?.get_mut(name)?.as_object_mut()
     }
 
-    /// Adds a key to a table unless the table has the key already.
+    /// Adds a key to a table unless the table has the key already. Records the key at the position of `at`, with the
+    /// text `note`.
     fn put(&mut self, table: &str, name: &str, key: &str, value: Value, at: &str, note: &str) {
         let Some(into) = self.table_mut(table, name) else { return };
         if into.contains_key(key) {
@@ -362,7 +363,7 @@ impl<'a> Filling<'a> {
     }
 }
 
-/// Checks the SHA-256 of a template against the one in the profile, if the profile states one.
+/// Checks the SHA-256 of a template against the SHA-256 in the profile (`pin`). Returns an error if they differ.
 fn pinned(template: &str, pin: Option<&str>, text: &str) -> Result<(), Wrong> {
     let found = sha256(text.as_bytes());
     match pin {

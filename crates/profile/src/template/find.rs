@@ -42,10 +42,11 @@ pub(super) struct Definition {
     pub(super) node: Option<Group>,
 }
 
-/// Error in the choice of a template, variant or base: key of the device, message, and hint.
+/// Error in the choice of a template, variant or base: the key of the device at which it is reported, message, and
+/// hint.
 pub(super) type Wrong = (&'static str, String, String);
 
-/// Text of a template that was found.
+/// Text of a template that was found, with its parsed content.
 #[derive(Clone)]
 pub(super) struct Written {
     pub(super) own_file: Option<String>,

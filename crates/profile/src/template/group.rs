@@ -1,10 +1,11 @@
-//! Groups of a template file, and their keys.
+//! Helper functions for the groups of a template file. A group is a table that describes similar channels, checks or
+//! targets.
 
 use serde_json::{Map, Value};
 
 use crate::source_map::{SourceMap, child};
 
-/// Group of similar channels, checks or targets.
+/// Group of similar channels, checks or targets: its keys with their values.
 pub(super) type Group = Map<String, Value>;
 
 pub(super) fn text<'v>(table: &'v Group, key: &str) -> Option<&'v str> {

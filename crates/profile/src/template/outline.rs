@@ -13,9 +13,9 @@ use crate::sources::names_in;
 /// Summary of a template: the names that a new profile uses.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Outline {
-    /// Name of the template.
+    /// Name of the template, as the key `template` of a device states it.
     pub name: String,
-    /// Manufacturer and type.
+    /// Manufacturer and type of the device.
     pub title: String,
     /// Temperature channels, in the notation of a profile: `3`, `"TL"`.
     pub temperatures: Vec<String>,
@@ -39,7 +39,7 @@ pub struct Outline {
 /// Target of a template that can receive Cz, with the encoding that the template states.
 #[derive(Clone, Debug, PartialEq)]
 pub struct OutlineTarget {
-    /// Name of the target.
+    /// Name of the target, as the key `channel` of an output states it.
     pub name: String,
     /// Type of the value; `None` if the template leaves it to the profile.
     pub data_type: Option<String>,

@@ -2,17 +2,17 @@
 
 include!(concat!(env!("OUT_DIR"), "/shipped.rs"));
 
-/// Names of the shipped templates.
+/// Iterates over the names of the shipped templates.
 pub fn names() -> impl Iterator<Item = &'static str> {
     TEMPLATES.iter().map(|(name, _)| *name)
 }
 
-/// Text of a shipped template.
+/// Returns the text of the shipped template with this name. `None` if no shipped template has the name.
 pub(super) fn text(name: &str) -> Option<&'static str> {
     TEMPLATES.iter().find(|(known, _)| *known == name).map(|(_, text)| *text)
 }
 
-/// Text of a shipped DBC file, by its name in a template.
+/// Returns the text of the shipped DBC file with this name, as a template states it. `None` if no such file is shipped.
 pub(crate) fn dbc(name: &str) -> Option<&'static str> {
     let name = name.strip_prefix("devices/")?.strip_suffix(".dbc")?;
     DBC_FILES.iter().find(|(known, _)| *known == name).map(|(_, text)| *text)

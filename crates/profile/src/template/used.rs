@@ -6,22 +6,22 @@ use std::sync::Arc;
 use crate::document::{Section, entries};
 use crate::sha256;
 
-/// Template of a device.
+/// Template of a device, as the preview shows it.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Template {
-    /// Name of the template.
+    /// Name of the template, as the key `template` of the device states it.
     pub name: String,
-    /// Variant chosen by the profile.
+    /// Variant that the profile chooses. `None` if the template has no variants.
     pub variant: Option<String>,
-    /// Manufacturer and type.
+    /// Manufacturer and type of the device.
     pub title: String,
     /// Manual or web page from which the data of the template was taken.
     pub source: String,
     /// Path of the user's own file. `None` for a shipped template.
     pub own_file: Option<String>,
-    /// Text of the template.
+    /// Text of the template file. The preview shows its SHA-256.
     pub text: Arc<str>,
-    /// Notes for the user.
+    /// Notes for the user, which the preview shows.
     pub notes: Vec<String>,
     /// Facts that were not verified with the manual or on the device.
     pub unverified: Vec<String>,
@@ -58,7 +58,7 @@ impl Template {
 pub struct Use {
     /// Name of the signal or output in the profile.
     pub name: String,
-    /// Name of the channel.
+    /// Name of the template's channel.
     pub channel: String,
     /// Keys of the channel that the profile sets itself, so that the values of the template do not apply.
     pub overridden: Vec<String>,

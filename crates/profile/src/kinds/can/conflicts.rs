@@ -8,7 +8,7 @@ use crate::tables::Check;
 use crate::tables::signal::Signal;
 use isotherm_core::codec::{Address, CanId, Entry, Object};
 
-/// CANopen node on a line.
+/// CANopen node on a line: its node number, and the name and index of its device.
 #[derive(Clone, Debug)]
 struct Node {
     number: u8,
@@ -16,7 +16,7 @@ struct Node {
     index: usize,
 }
 
-/// Checks all CAN lines for conflicts.
+/// Checks all CAN lines, and reports each conflict as an error.
 pub(super) fn check(check: &Check<'_>) {
     let devices = check.devices.by_owner(|device| Some(device.bus.0));
     let bus_of = |signal: &Signal| Some(check.devices.get(signal.device.0)?.bus.0);
@@ -120,8 +120,8 @@ fn written_identifiers(check: &Check<'_>, (bus, nodes): (usize, &[Node]), signal
     }
 }
 
-/// Reports CANopen objects with two writers, and a position plus Cz that would be written to the object from which the
-/// position is read.
+/// Reports CANopen objects with two writers. Also reports an output that would write a position plus Cz into the object
+/// from which the position is read.
 fn objects_written(check: &Check<'_>) {
     let mut known: HashMap<(DeviceId, Entry), &str> = HashMap::new();
     let sdo = |output: &str| check.at("output").key(output).key("sdo");

@@ -50,7 +50,7 @@ const GENERIC: [(u16, u16, &str); 34] = [
 ];
 
 impl Emergency {
-    /// Returns whether this entry applies to a code.
+    /// Returns whether this entry applies to a code: the bits of `mask` are equal.
     pub const fn names(&self, code: u16) -> bool {
         (self.code ^ code) & self.mask == 0
     }

@@ -267,7 +267,7 @@ pub(crate) fn object_type(at: &KeyContext<'_>, TypeWord(kind): TypeWord) -> Opti
     }
 }
 
-/// Resolves the CANopen object at the key `sdo` of a signal or an output, with its type.
+/// Resolves the CANopen object at the key `sdo` of a signal or an output. The key `type` states the type of its value.
 pub(crate) fn object(
     at: &KeyContext<'_>,
     sdo: &str,

@@ -3,12 +3,13 @@
 use crate::tables::{Check, KeyContext};
 use isotherm_core::codec::{CanId, Field, Frame};
 
-/// Value that an output writes into a CAN frame.
+/// Value that an output writes into a CAN frame: the output, the bits of the value, and the frame's bytes before
+/// (`fill`).
 #[derive(Clone, Debug)]
 pub(crate) struct Written {
     pub(super) device: usize,
     pub(super) output: String,
-    /// Path of the key `pdo` or `frame`.
+    /// Path of the output's key `pdo` or `frame`, at which conflicts are reported.
     pub(super) path: String,
     pub(super) field: Field,
     pub(super) fill: Option<Vec<u8>>,

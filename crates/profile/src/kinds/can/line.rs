@@ -1,5 +1,5 @@
-//! Preview of a CAN line: the SYNC messages that the gateway sends, and the receive filters in the kernel. The kernel
-//! discards received frames that match no filter. Also contains the preview of a device on a CAN line.
+//! Preview of a CAN line: the SYNC messages that the gateway sends, and the receive filters of the kernel. The kernel
+//! discards received frames that match no filter. This file also contains the preview of a device on a CAN line.
 
 use super::emergency::Emergency;
 use super::node::{CanDevice, Setup};

@@ -48,7 +48,7 @@ pub(crate) struct RawEmergency {
     pub(super) means: Option<String>,
 }
 
-/// Settings that only a device on a CAN line has.
+/// Settings that only a device on a CAN line has. Such a device is a CANopen node if it has a node number.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CanDevice {
     /// CANopen node number, 1 to 127. `None` if the device only sends frames.

@@ -29,7 +29,8 @@ pub(super) fn foreign_keys(raw: &RawOutput, at: &KeyContext<'_>, device: &str) {
     }
 }
 
-/// Resolves an output with this name, on the device with this index.
+/// Resolves an output on a CAN line: its address, encoding and verification. `name` is the name of the output, `device`
+/// the index of its device.
 pub(super) fn resolve(
     check: &Check<'_>,
     raw: &RawOutput,

@@ -17,8 +17,8 @@ pub(crate) const fn holding(offset: u16) -> Register {
     Register { table: Table::Holding, offset }
 }
 
-/// Returns the lengths of a read request and its answer, in bytes with unit and checksum. (0, 0) for a request that
-/// reads no registers.
+/// Returns the lengths of a read request and of its answer, in bytes with unit and checksum. Both are 0 for a request
+/// that reads no registers.
 pub(crate) fn read_frames(request: &ReadRequest) -> (usize, usize) {
     request.span().map_or((0, 0), |(from, count)| cells_read(from.table, count))
 }

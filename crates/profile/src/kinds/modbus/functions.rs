@@ -28,10 +28,10 @@ macro_rules! functions {
         }
 
         impl Functions {
-            /// Permissions that allow all functions.
+            /// Permissions with which every function may be sent.
             pub const ALL: Functions = Functions { $($permission: true,)+ };
 
-            /// Returns the permissions for the named functions.
+            /// Returns permissions for only the named functions.
             pub(crate) fn of(named: &[Function]) -> Functions {
                 Functions { $($permission: named.contains(&Function::$word),)+ }
             }

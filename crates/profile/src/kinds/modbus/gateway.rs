@@ -1,9 +1,11 @@
-//! Preview of a Modbus TCP line with a Modbus gateway, which connects it to a serial line.
+//! Preview of the devices that a Modbus TCP line reaches through a Modbus gateway. A Modbus gateway connects a network
+//! to a serial line.
 
 use crate::document::Section;
 use crate::{BusId, Profile};
 
-/// Preview of the devices behind a Modbus gateway. `None` if no device is behind a Modbus gateway.
+/// Preview of the devices behind a Modbus gateway, and how the gateway treats them. `None` if no device is behind a
+/// Modbus gateway.
 pub(super) fn preview(profile: &Profile, id: BusId) -> Option<Section> {
     let here = profile.devices_on(id).filter(|(device, _)| profile.is_behind_gateway(*device));
     let devices: Vec<&str> = here.map(|(_, device)| device.name.as_str()).collect();

@@ -13,9 +13,9 @@ use crate::tables::{KeyContext, optional};
 /// Assumed answer time of a device through a plain serial server. It includes two short frames at 9600 baud, because
 /// profiles do not state the baud rate behind a serial server.
 const ANSWER_THROUGH_SERVER: Duration = Duration::from_millis(30);
-/// Default port of Modbus TCP.
+/// TCP port of Modbus TCP without TLS, which hints suggest.
 const USUAL: u16 = 502;
-/// Example of host and port.
+/// Example of host and port, which hints show.
 const EXAMPLE: &str = "192.168.0.10:502";
 
 /// Types of Modbus lines.

@@ -14,7 +14,7 @@ use crate::tables::signal::Signal;
 use crate::{BusId, Profile};
 use isotherm_core::codec::Table;
 
-/// Length of a read request in bytes.
+/// Length of an RTU read request in bytes: unit, function, first register, number of registers, checksum.
 const READ: usize = 8;
 /// Length of an answer without its data, in bytes: unit, function, byte count, checksum.
 const AROUND_DATA: usize = 5;
@@ -22,8 +22,8 @@ const AROUND_DATA: usize = 5;
 /// writes, slow devices and retries.
 const FULL: f64 = 0.8;
 
-/// Reports serial lines whose polls take longer than the poll periods. Warns about lines whose polls take almost all of
-/// the time.
+/// Reports an error for a serial line if its polls take longer than the poll periods. Warns if the polls take more than
+/// [`FULL`] of the time.
 pub(super) fn check(check: &Check<'_>) {
     let devices = check.devices.by_owner(|device| Some(device.bus.0));
     let signals = check.signals.by_owner(|signal| Some(signal.device.0));

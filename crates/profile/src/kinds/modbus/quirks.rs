@@ -47,9 +47,9 @@ pub(crate) struct RawQuirks {
 /// Special requirements of a device. The fields have the same names as in Telegraf.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Quirks {
-    /// Pause after connecting.
+    /// Pause after connecting, before the first request.
     pub pause_after_connect: Duration,
-    /// Pause between two requests.
+    /// Pause between an answer and the next request.
     pub pause_between_requests: Duration,
     /// Whether each value is read with its own request.
     pub one_request_per_field: bool,
@@ -115,7 +115,7 @@ impl Quirks {
 }
 
 impl RawQuirks {
-    /// Returns the quirks `below`. The values that this table sets replace those of `below`.
+    /// Returns the quirks of this table. A quirk that the table does not set has the value from `below`.
     pub(crate) fn over(&self, below: Quirks) -> Quirks {
         let span = |raw: Option<Timespan>, below| raw.map_or(below, |Timespan(span)| span);
         let most = self.max_registers_per_request;

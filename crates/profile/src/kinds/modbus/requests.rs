@@ -5,8 +5,8 @@
 //! requests for registers that it does not have. A signal needs `merge = false` if its device returns wrong values in a
 //! shared request.
 //!
-//! A value and its scale, which may be in another register, share a request even if their registers are far apart. Only
-//! in the same answer is it certain that the scale applies to the value.
+//! A value and its scale, which may be in another register, share a request even if their registers are far apart. The
+//! scale certainly applies to the value only if one answer contains both.
 
 use super::quirks::Quirks;
 use crate::plan::{Field, ReadRequest, ReadTarget};
@@ -50,7 +50,7 @@ pub(super) fn of(device: &Device, signals: &SignalsOf<'_>) -> Vec<ReadRequest> {
 }
 
 /// Merges the request for a value with the request for its scale, even if their registers are far apart. Requests
-/// between the two are merged too. Nothing is merged if the request would become too long.
+/// between the two are merged too. Requests are not merged if the result would be longer than `limit`, in registers.
 fn join_scales(requests: &mut Vec<ReadRequest>, limit: u16) {
     let mut place = 0;
     while place < requests.len() {
@@ -64,9 +64,9 @@ fn join_scales(requests: &mut Vec<ReadRequest>, limit: u16) {
     }
 }
 
-/// Finds the partners of the request with the index `place`. A partner is a later request with the scale of one of its
-/// values, or with the value of one of its scales. Returns the index of the last partner that can be merged with the
-/// request. `None` if no partner can be merged.
+/// Returns the index of the last partner that can be merged with the request at index `place`. A partner is a later
+/// request. It reads the scale of a value that the request at `place` reads, or the value for such a scale. `None` if no
+/// partner can be merged.
 fn farthest_partner(requests: &[ReadRequest], place: usize, limit: u16) -> Option<usize> {
     let (from, _) = requests[place].span()?;
     let belongs = |next: &ReadRequest| {

@@ -63,8 +63,8 @@ pub(super) fn resolve(
     Some(ScaleFrom { address, encoding: Encoding { byte_swap, ..plain(data_type) }, meaning })
 }
 
-/// Reports signals whose scale is read from a register, but which have no limit for the rate of change. After a change
-/// of the scale, the limit decides whether a value is plausible.
+/// Reports signals whose scale is read from a register, but which have no limit for the rate of change. This limit
+/// shows after a change of the scale whether a value is plausible.
 pub(super) fn check(check: &Check<'_>) {
     for signal in check.signals.valid() {
         let Some(from) = &signal.scale_from else { continue };

@@ -46,7 +46,7 @@ pub(crate) struct RawUser {
     key: Option<String>,
 }
 
-/// Settings of a connection to a server.
+/// Settings of the gateway's connection to an OPC UA server.
 #[derive(Clone, Debug, PartialEq)]
 pub struct OpcUa {
     /// Message security of the connection.
@@ -55,7 +55,7 @@ pub struct OpcUa {
     pub user: User,
     /// Certificate and private key of the gateway. `None` if the connection has no message security.
     pub own: Option<(NamedFile, NamedFile)>,
-    /// Certificates of trusted servers.
+    /// Certificates of the servers that the gateway trusts. Empty without message security.
     pub trusted: Vec<NamedFile>,
     /// Directory of the trusted certificates, as written in the profile.
     pub trusted_in: Option<String>,

@@ -5,7 +5,7 @@ use crate::tables::KeyContext;
 use crate::tables::bus::RawBus;
 use crate::tables::bus::tls::{NamedFile, pair};
 
-/// Returns the URL of the server of an opcua line.
+/// Returns the URL of the server of an opcua line, with its port. Returns `None` if the URL is missing or invalid.
 pub(super) fn address(raw: &RawBus, at: &KeyContext<'_>) -> Option<String> {
     let at = at.key("address");
     let help = format!("write the URL of the server, as \"{SCHEME}192.168.214.241:{PORT}\"");
@@ -13,7 +13,8 @@ pub(super) fn address(raw: &RawBus, at: &KeyContext<'_>) -> Option<String> {
     server_url(raw.address.as_ref()?).map_err(|(message, help)| at.invalid(message, help)).ok()
 }
 
-/// Resolves the OPC UA settings of a line.
+/// Resolves the OPC UA settings of a line: message security, user, and certificates. Returns `None` if they have an
+/// error.
 pub(super) fn resolve(raw: &RawBus, at: &KeyContext<'_>) -> Option<OpcUa> {
     let help = "write \"sign-and-encrypt\" or \"sign\"; write \"none\" only if the network connects nothing \
                 but this machine";

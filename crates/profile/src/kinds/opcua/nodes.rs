@@ -91,8 +91,8 @@ pub(crate) struct RawNode {
 }
 
 impl Place {
-    /// Resolves the register or node of a word that the gateway writes. The type must be able to hold values up to
-    /// `most`.
+    /// Resolves the register or node of a word that the gateway writes, such as a heartbeat or a control word. The type
+    /// must be able to hold values up to `most`. `is_in_nodes` is true if the device is an OPC UA server.
     pub(crate) fn word(&self, at: &KeyContext<'_>, is_in_nodes: bool, most: u16) -> Option<Address> {
         match (self, is_in_nodes) {
             (Place::Register(text), false) => holding(at, Some(text)).map(Address::Modbus),
@@ -115,7 +115,8 @@ impl Place {
 }
 
 impl RawNode {
-    /// Resolves the node of a word that the gateway writes. The type must be able to hold values up to `most`.
+    /// Resolves the node of a word that the gateway writes, such as a heartbeat or a control word. The type must be
+    /// able to hold values up to `most`.
     pub(crate) fn word(&self, at: &KeyContext<'_>, most: u16) -> Option<Node> {
         let node = written(at, self.node.as_ref(), self.kind)?;
         holds(at, &node, most)?;

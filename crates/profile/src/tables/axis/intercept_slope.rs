@@ -9,8 +9,8 @@ use isotherm_core::compensation::model::{Kind, Slope};
 use isotherm_core::compensation::settings::InterceptSlope;
 use isotherm_core::quantity::Millimetre;
 
-/// Completes each axis whose outputs write K0, tanβ and P0. Stores the reference position P0, and the largest distance
-/// from P0 within the travel.
+/// Completes each axis whose outputs write K0, tanβ and P0: stores P0, and the largest distance from P0 within the
+/// travel. Reports axes for which only some of the three outputs exist.
 pub(in crate::tables) fn resolve(check: &mut Check<'_>) {
     let outputs = check.outputs.by_owner(|output| Some(output.axis.0));
     let line = |(place, axis): (usize, &Option<Axis>)| {

@@ -13,8 +13,8 @@ use isotherm_core::compensation::settings::LearnedSlot;
 use isotherm_core::quantity::{Celsius, Micron, MicronPerCelsius};
 use isotherm_core::reading::SignalId;
 
-/// Adds the learned model, first with gains of zero, to each axis with the key `learn`. The signals must be resolved
-/// before.
+/// Adds the learned model to each axis with the key `learn`. The gains of this model are zero until the axis has
+/// learned. The signals must be resolved before.
 pub(in crate::tables) fn add_slots(check: &mut Check<'_>) {
     let is_learning = |axis: &&Axis| axis.learning.is_some();
     if !check.axes.valid().any(|axis| is_learning(&axis)) {
@@ -68,8 +68,8 @@ pub(in crate::tables) fn add_slots(check: &mut Check<'_>) {
     }
 }
 
-/// Returns the reference of the temperatures in a learned model. It is "zero" if a model of the profile uses the
-/// reference "zero", otherwise the machine start.
+/// Returns the reference of the temperatures in a learned model. The reference is "zero" if a model in `own`, the
+/// models of the profile, uses it. Otherwise it is the machine start.
 fn temperature_reference(own: &[Model]) -> Reference {
     let is_zeroed = own.iter().flat_map(Model::references).any(|reference| reference == Reference::Zero);
     if is_zeroed { Reference::Zero } else { Reference::Start }

@@ -34,7 +34,7 @@ pub struct Learning {
     pub adopt: Policy,
 }
 
-/// Keys of the table `probe` for the learning of a model.
+/// Keys of the table `probe` that concern learning, as the profile states them.
 pub(super) struct LearningKeys<'a> {
     pub(super) learn: Option<LearnWord>,
     pub(super) learn_without: Option<&'a [String]>,
@@ -44,7 +44,8 @@ pub(super) struct LearningKeys<'a> {
 }
 
 impl LearningKeys<'_> {
-    /// Resolves the keys for learning. `Some(None)` if the axis does not learn, `None` if a key has an error.
+    /// Resolves the keys for learning. Returns `Some(None)` if the axis does not learn, and `None` if a key has an
+    /// error.
     pub(super) fn resolve(&self, at: &KeyContext<'_>) -> Option<Option<Learning>> {
         let without = self.learn_without.unwrap_or_default();
         let list = at.key("learn_without");

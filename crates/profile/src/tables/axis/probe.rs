@@ -162,8 +162,8 @@ impl RawProbe {
         })
     }
 
-    /// Resolves the signals of measured errors. `Some(None)` if measured errors come only by command, `None` if a
-    /// signal has an error.
+    /// Resolves the signals of measured errors. Returns `Some(None)` if measured errors come only by command, and
+    /// `None` if a signal has an error.
     fn input(&self, at: &KeyContext<'_>, diameter: bool) -> Option<Option<ProbeInput>> {
         let signal = at.key("signal").signal(self.signal.as_ref());
         let trigger = at.key("trigger").signal(self.trigger.as_ref());

@@ -16,7 +16,7 @@ const SHORTEST_TIMEOUT: Duration = Duration::from_millis(100);
 /// "device `bed` is read every".
 pub(super) type Due = (String, Duration);
 
-/// Periodic reads and writes, by the name of their line.
+/// Periodic reads and writes of each bus line, by the name of the bus.
 #[derive(Debug, Default)]
 pub(in crate::tables) struct Periods(BTreeMap<String, Vec<Due>>);
 

@@ -34,7 +34,7 @@ pub(crate) struct RawTls {
 /// Port registered for Modbus/TCP Security by the Modbus Organization.
 pub const TLS_PORT: u16 = 802;
 
-/// Settings of Modbus/TCP Security on a line.
+/// Settings of Modbus/TCP Security (TLS with certificates for both ends) on a line.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Tls {
     /// Certificate that the gateway trusts on this line: the certificate of the device, or of the authority that signed
@@ -44,16 +44,16 @@ pub struct Tls {
     pub cert: NamedFile,
     /// Private key of the certificate.
     pub key: NamedFile,
-    /// Name that the device's certificate must have.
+    /// Name that the certificate of the device must contain.
     pub name: String,
-    /// Error about the key `name`, without a message. It contains the position in the profile.
+    /// Error at the position of the key `name`, without a message. [`Tls::wrong_name`] adds the message.
     name_at: ProfileError,
 }
 
 /// File that a key of the profile names.
 #[derive(Clone, PartialEq)]
 pub struct NamedFile {
-    /// Name of the file, as written in the profile.
+    /// Path of the file, as written in the profile.
     pub name: String,
     /// Content of the file.
     pub bytes: Vec<u8>,
@@ -73,7 +73,7 @@ impl Tls {
         section
     }
 
-    /// Creates an error that says that no certificate can have this name.
+    /// Creates an error at the key `name`: no certificate can contain this name.
     pub fn wrong_name(&self) -> ProfileError {
         let message = format!("`{}` cannot be the name in a certificate", self.name);
         ProfileError { message, ..self.name_at.clone() }
@@ -103,7 +103,7 @@ impl NamedFile {
         Some(found)
     }
 
-    /// Creates an error about this file, with the place of its key in the profile.
+    /// Creates an error about this file, at the position of its key in the profile. `why` is the mistake.
     pub fn invalid(&self, why: &str) -> ProfileError {
         ProfileError { message: format!("{}: {why}", self.name), ..(*self.named_at).clone() }
     }

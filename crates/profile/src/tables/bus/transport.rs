@@ -37,7 +37,7 @@ pub enum Transport {
     Serial(Serial),
     /// Modbus ASCII on a serial port of this computer.
     ModbusAscii {
-        /// Settings of the port.
+        /// Baud rate, parity and stop bits of the port.
         serial: Serial,
         /// Data bits of each character, 7 or 8.
         data_bits: u8,
@@ -52,7 +52,7 @@ pub enum Transport {
     Sysfs,
     /// Lines of text on a serial port of this computer.
     Ascii {
-        /// Settings of the port.
+        /// Baud rate, parity and stop bits of the port.
         serial: Serial,
         /// Data bits of each character, 7 or 8.
         data_bits: u8,

@@ -55,13 +55,13 @@ pub(crate) struct RawVerify {
 pub struct Expected {
     /// First register, bit, object or node.
     pub address: Address,
-    /// Encoding of the value, with scale 1.
+    /// Encoding of the value. Its scale is 1, because raw values are compared.
     pub encoding: Encoding,
     /// Value that the profile expects.
     pub equals: i64,
-    /// Meaning of the value, for messages.
+    /// Meaning of the value, which messages show next to the value.
     pub what: String,
-    /// Remedy for a different value, for messages.
+    /// Advice what to do if the device has a different value, for messages.
     pub remedy: String,
     /// Period of the check in operation. The gateway extends it if the checks would take too much of the line's time.
     pub every: Duration,
@@ -87,7 +87,7 @@ impl Expected {
         }
     }
 
-    /// Creates the difference for a register that does not exist according to the device's answer.
+    /// Creates the difference for a register that the device reports as missing. `why` is the answer of the device.
     pub fn absent(&self, why: impl fmt::Display) -> Difference {
         self.differs(CheckFailure::Absent(why.to_string()))
     }

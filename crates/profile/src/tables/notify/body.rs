@@ -5,36 +5,36 @@ use serde_json::Value;
 use crate::error::allowed;
 use crate::safe_file::cut;
 
-/// Field of a message that can replace a placeholder.
+/// Field of a message that can replace a placeholder. A field that the event does not have is an empty text.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum MessageField {
     /// Name of the machine.
     Machine,
-    /// Time of the event.
+    /// Date and time of the event, as text.
     When,
-    /// Kind of the event.
+    /// Kind of the event: its name in the list of events.
     Kind,
     /// Level of the event: `info`, `warning` or `error`.
     Level,
     /// Sentence that describes the event.
     Text,
-    /// Cause of a fault.
+    /// Cause of the reported fault.
     Cause,
-    /// Hint of a fault.
+    /// Hint how to remove the reported fault.
     Hint,
-    /// Axis of the event.
+    /// Name of the axis that the event concerns.
     Axis,
-    /// Device of the event.
+    /// Name of the device that the event concerns.
     Device,
-    /// Bus of the event.
+    /// Name of the bus that the event concerns.
     Bus,
-    /// Signal of the event.
+    /// Name of the signal that the event concerns.
     Signal,
-    /// Output of the event.
+    /// Name of the output that the event concerns.
     Output,
-    /// Alarm that was raised.
+    /// Alarm that the event raised.
     Alarm,
-    /// Alarms that have ended.
+    /// Alarms that the event ended, separated by commas.
     AlarmsOver,
     /// The text "dry run" if the gateway is in a dry run, otherwise empty.
     DryRun,

@@ -54,7 +54,7 @@ pub(crate) struct RawReadBack {
 /// Register in which the control reports the offset that it has applied.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Applied {
-    /// Register of the applied value.
+    /// First register of the applied value.
     pub address: Register,
     /// Encoding of the value, in the unit of the output.
     pub encoding: Encoding,

@@ -62,11 +62,11 @@ pub struct Display {
 pub struct ExtraWord {
     /// Holding register of the word.
     pub register: u16,
-    /// Word while the axis follows its first model.
+    /// Value of the word while the axis follows its first model.
     pub good: u16,
-    /// Word while the axis follows another model.
+    /// Value of the word while the axis follows a fallback model: any of its models except the first.
     pub degraded: u16,
-    /// Word while the axis is frozen, ramps, is at zero or off.
+    /// Value of the word while the axis follows no model: it is frozen, ramps, is at zero or off.
     pub fault: u16,
 }
 
@@ -77,7 +77,7 @@ pub struct Stale {
     pub text: String,
     /// First holding register of the text.
     pub register: u16,
-    /// Words with the characters.
+    /// Register values that contain the characters of the text.
     pub words: Vec<u16>,
 }
 
@@ -86,9 +86,9 @@ pub struct Stale {
 pub enum Shown {
     /// The axis follows its first model.
     Good,
-    /// The axis follows another model.
+    /// The axis follows a fallback model: any of its models except the first.
     Degraded,
-    /// The axis follows no model.
+    /// The axis follows no model: it is frozen, ramps, is at zero or off.
     Fault,
 }
 

@@ -10,7 +10,7 @@ use crate::tables::{Check, KeyContext};
 use isotherm_core::quantity::Micron;
 
 /// Checks that each output can hold every value of its axis. Stores at each axis the largest size of one count among
-/// its outputs, µm. A change of Cz by this size is visible in all outputs.
+/// its outputs, in µm. A change of Cz by this size changes the count of every output.
 pub(in crate::tables) fn note_counts(check: &mut Check<'_>) {
     for output in check.outputs.valid() {
         let at = check.at("output").key(&output.name);

@@ -50,8 +50,8 @@ impl RawOutput {
         })
     }
 
-    /// Reports an axis that moves faster than the control can follow. Otherwise the control would lag without a
-    /// message.
+    /// Reports an axis that moves faster than the control can follow. Otherwise the control would lag behind without
+    /// any message.
     fn keeps_pace(&self, check: &Check<'_>, at: &KeyContext<'_>) {
         let most = at.key("largest_step").positive(self.largest_step);
         let least = at.key("shortest_every").duration(self.shortest_every);

@@ -32,7 +32,8 @@ impl Share {
     }
 }
 
-/// Checks the requirements of a shared register.
+/// Resolves the key `share`. Reports an error if the output lacks a requirement for sharing its register with an
+/// operator.
 pub(crate) fn resolve(
     raw: &RawOutput,
     at: &KeyContext<'_>,

@@ -34,7 +34,7 @@ pub(crate) fn by(file: &Value, profile: &mut Profile) {
 }
 
 impl Stated {
-    /// Returns the settings of an output in the merged profile.
+    /// Returns the settings of an output in the merged profile, which includes the layers above the file.
     fn of(profile: &Profile, output: &Output) -> Stated {
         let axis = profile.axis(output.axis);
         let Encoding { scale, bias, .. } = output.encoding;

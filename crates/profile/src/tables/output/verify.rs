@@ -12,7 +12,7 @@ pub(crate) enum VerifyWord {
     Echo,
 }
 
-/// How a write is verified.
+/// Way of verifying that a written value has arrived at the device.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Verify {
     /// The written register, object or node is read after the write.

@@ -6,11 +6,11 @@ use std::str::FromStr;
 use crate::tables::KeyContext;
 use isotherm_core::codec::{DataType, Part, Register, Whole};
 
-/// Highest bit number of one register. The next constant is the highest bit number of two registers.
+/// Highest bit number of one register. The constant `LAST_OF_TWO` is the highest bit number of two registers.
 const LAST_OF_ONE: u8 = 15;
 const LAST_OF_TWO: u8 = 31;
 
-/// Register of a value, and the bits of it that contain the value.
+/// Register of a value, and those bits of the register that contain the value.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Cell {
     /// First register, coil or discrete input.

@@ -88,8 +88,8 @@ fn members(check: &Check<'_>) -> Members {
     members.into_iter().collect()
 }
 
-/// Reports an output that cannot be in a set, or cannot have a handshake. These are corrected positions, outputs that
-/// are not read back, and outputs that share their register with an operator.
+/// Reports an output that cannot be in a set, or cannot have a handshake. Such outputs are corrected positions, outputs
+/// that are not read back, and outputs that share their register with an operator.
 fn can_be_exchanged(check: &Check<'_>, at: &KeyContext<'_>, key: &str, output: &Output) {
     if output.writes.position().is_some() {
         let help =

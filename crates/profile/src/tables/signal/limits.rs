@@ -138,7 +138,7 @@ impl DefaultLimits {
     }
 }
 
-/// Temperature unit of a signal.
+/// Temperature unit of a signal: °C or K.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Temperature {
     Celsius,
@@ -154,7 +154,7 @@ impl Temperature {
         }
     }
 
-    /// Returns the default range of a temperature that a model uses.
+    /// Returns the default range of a temperature that a model uses: −40 to 200 °C.
     fn usual(self) -> DefaultRange {
         match self {
             Temperature::Celsius => DefaultRange::Within(-40.0, 200.0),
@@ -162,7 +162,7 @@ impl Temperature {
         }
     }
 
-    /// Returns the default range of a temperature that no model uses.
+    /// Returns the default range of a temperature that no model uses: not below absolute zero.
     fn physical(self) -> DefaultRange {
         DefaultRange::NotBelow(match self {
             Temperature::Celsius => -273.15,

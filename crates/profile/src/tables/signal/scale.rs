@@ -1,4 +1,4 @@
-//! Formats the scale of a signal that is read from another register, for the preview.
+//! Formats the scale of a signal for the preview, if the scale is read from another register.
 
 use std::fmt;
 

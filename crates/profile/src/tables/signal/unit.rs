@@ -30,7 +30,7 @@ pub(crate) struct Conversion {
     pub(crate) shift: f64,
 }
 
-/// Scale and offset that are in the same table as a unit. A hint uses them to say how to convert an unsupported unit.
+/// Scale and offset in the table that contains a `unit`. The hint for an unsupported unit says how to change them.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Scaling {
     pub(crate) scale: Option<f64>,

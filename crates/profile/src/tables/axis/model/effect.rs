@@ -48,7 +48,7 @@ pub(super) fn middle(signals: &[Signal], id: SignalId) -> f64 {
     signals[id.0].range.map_or(20.0, |(low, high)| f64::midpoint(low, high))
 }
 
-/// Describes the reference from which a rise is measured.
+/// Describes the reference from which a rise is measured: a number, or words such as `its value at machine start`.
 pub(super) fn reference(reference: Reference) -> String {
     match reference {
         Reference::Fixed(number) => figure(number.get()),

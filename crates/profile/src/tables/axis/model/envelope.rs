@@ -1,5 +1,5 @@
-//! `envelope` and `outside` of a model: the region of inputs on which the model was identified, and the gateway's
-//! action outside of this region.
+//! `envelope` and `outside` of a model: the range of input values on which the model was identified, and the gateway's
+//! action outside of this range.
 //!
 //! ```json
 //! { "format": "isotherm-envelope", "version": 1, "reach": 3.4, "covariance": [[4.0, 1.2], [1.2, 2.5]],

@@ -28,7 +28,8 @@ impl RawExpected {
     }
 }
 
-/// Checks the two numbers of a variance, which must be 0 or more.
+/// Creates the variance `per_hour`·h + `at_once` µm² after h hours. Reports an error and returns `None` if a number is
+/// negative.
 fn growth(at: &KeyContext<'_>, [per_hour, at_once]: [f64; 2]) -> Option<Growth> {
     let growth = Growth::new(per_hour, at_once);
     if growth.is_none() {

@@ -1,4 +1,5 @@
-//! `identified_with` of a model: settings that were used for the identification, and that the profile should have too.
+//! `identified_with` of a model: settings that were used when the model was identified. The profile should have the
+//! same settings.
 
 use schemars::JsonSchema;
 use serde::Deserialize;

@@ -84,8 +84,8 @@ impl From<ReferenceValue> for Reference {
 }
 
 impl Inputs {
-    /// Returns whether an input of a list has the reference "zero". `of_model` is the `reference` of the model, which
-    /// applies to inputs without a reference of their own.
+    /// Returns whether any input of the list has the reference "zero". `of_model` is the `reference` of the model,
+    /// which applies to inputs without a reference of their own.
     pub(super) fn are_at_zero(&self, of_model: Option<ReferenceValue>) -> bool {
         let Inputs::InOrder(inputs) = self else { return false };
         let own = inputs.iter().filter_map(|input| match input {

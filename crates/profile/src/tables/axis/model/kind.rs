@@ -6,11 +6,11 @@ use crate::tables::signal::Signal;
 use isotherm_core::compensation::model::Kind;
 use isotherm_core::reading::SignalId;
 
-/// Kind of model: its keys, its parser and its preview.
+/// Kind of model: its word in the profile, its keys, its parser and its preview.
 pub(super) struct KindOfModel {
     /// Value of the key `kind` for this kind of model.
     pub(super) word: &'static str,
-    /// Name with its article in messages: "a matrix".
+    /// Name of the kind with its article, for messages: "a matrix".
     pub(super) one: &'static str,
     /// Keys that models of this kind may have, in addition to the keys that every model may have.
     pub(super) keys: &'static [&'static str],

@@ -58,13 +58,13 @@ impl UniformTemperature {
         UniformTemperature { celsius, readings, machine }
     }
 
-    /// Returns a machine for each temperature of the preview.
+    /// Returns one simulated machine for each temperature in [`SHOWN`].
     pub(crate) fn shown(signals: &[Signal]) -> Vec<UniformTemperature> {
         SHOWN.into_iter().map(|celsius| UniformTemperature::at(celsius, signals)).collect()
     }
 
-    /// Returns the value of a model, at the position where its absolute value is largest. `None` if the model has no
-    /// value at one of the positions.
+    /// Returns the Cz of a model on this simulated machine, at the position where the absolute value is largest. `None`
+    /// if the model has no value at one of the positions.
     pub(crate) fn asked(&mut self, model: &Model) -> Option<UniformValue> {
         let places = KINDS.into_iter().find_map(|kind| (kind.places)(&model.kind));
         let Some((signal, mut places)) = places else {
