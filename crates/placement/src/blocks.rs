@@ -47,7 +47,7 @@ pub struct Part {
     pub nodes: Vec<usize>,
 }
 
-/// Name of the only block of a structure without sets.
+/// Name of the only block, if the mesh has no node sets for blocks.
 const WHOLE: &str = "BLK";
 
 /// Divides the mesh into parts. Each node set with a name that begins with `prefix` is one part; without such sets, the
@@ -136,8 +136,8 @@ fn listed(mesh: &Mesh, nodes: &[usize]) -> String {
     format!("{} {word} ({}{more})", nodes.len(), shown.join(", "))
 }
 
-/// Applies a cut. Each intersected part becomes two parts. The name of the part below the plane gets the suffix `a`,
-/// and the name of the part above the plane the suffix `b`.
+/// Applies a cut (a cutting plane) to the parts. Each intersected part becomes two parts. The name of the part below
+/// the plane gets the suffix `a`, and the name of the part above the plane the suffix `b`.
 ///
 /// # Errors
 /// The cut intersects no part, or names a block that does not exist.
@@ -182,13 +182,13 @@ pub(super) fn owners(mesh: &Mesh, parts: &[Part]) -> Vec<Option<usize>> {
     owners
 }
 
-/// Positions allowed for sensors.
+/// Nodes at which sensors may be mounted, and their minimum distance from other blocks.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Reach {
     /// Minimum distance from the nodes of other blocks, mm.
     pub margin: f64,
-    /// Whether each node of the mesh may carry a sensor. Such a node is on the outer surface and in the set of
-    /// `--candidates`, and not on the guideway or foundation.
+    /// Whether each node of the mesh may carry a sensor. Such a node is on the outer surface and in the node set of the
+    /// option `--candidates`. It is not on the guideway or foundation.
     pub allowed: Vec<bool>,
 }
 
@@ -206,8 +206,8 @@ pub(super) struct Surveyed<'a> {
     reach: &'a Reach,
     /// Volume of each node, mm³.
     volumes: Vec<f64>,
-    /// Nodes of each grid cell, for the search for near nodes. The side length of a cell is [`Reach::margin`]. Without
-    /// a margin, there are no cells.
+    /// Nodes of each grid cell, for the search for near nodes. The side length of a cell is [`Reach::margin`]. If the
+    /// margin is 0, the list is empty.
     cells: Vec<Vec<usize>>,
     /// For each grid cell, its own index and the indices of the adjacent cells.
     around: Vec<Vec<usize>>,

@@ -1,4 +1,5 @@
-//! Materials of a finite-element mesh, and the thermal loads of one load case.
+//! Materials of a finite-element mesh, and the thermal loads of one load case. A load case is one thermal situation of
+//! the structure: initial temperatures, heat flows, and a time range.
 
 use crate::mesh::{Face, Mesh};
 
@@ -42,16 +43,16 @@ impl Materials {
     }
 }
 
-/// Time range of a load case.
+/// Time range of a load case: a steady state, or a period.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Case {
     /// Steady state: temperatures that no longer change.
     Steady,
     /// Transient case over a period, in equal steps of the implicit Euler method. The last step may be shorter.
     Transient {
-        /// Length of a step, s.
+        /// Length of a time step, s.
         step: f64,
-        /// Length of the period, s.
+        /// Length of the whole period, s.
         period: f64,
     },
 }

@@ -81,9 +81,9 @@ impl Ccx {
         rises.ok_or_else(|| CcxError::Lacks("the temperature of a node".to_owned()))
     }
 
-    /// Computes the displacements of the guideway nodes, mm: one list for each field of rises, with x, y and z of each
-    /// node. A field in `rises` contains the rise of every node, K. A field that is 1 in one block and 0 elsewhere
-    /// gives a column of the matrix P (displacements per kelvin of each block).
+    /// Computes the displacements of the guideway nodes, mm. Each field in `rises` contains the temperature rise of
+    /// every node, K. The result has one list for each field: x, y and z of each guideway node. If a field is 1 in one
+    /// block and 0 elsewhere, the list is a column of the matrix P (displacements per kelvin of each block).
     ///
     /// # Errors
     /// CalculiX is missing or failed.

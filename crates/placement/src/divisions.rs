@@ -18,7 +18,8 @@ use crate::structure::Adjoint;
 #[derive(Debug)]
 pub struct Floors<'a> {
     mesh: &'a Mesh,
-    /// For each guideway node and evaluated direction, the displacement per kelvin of each node of the mesh, mm/K.
+    /// One row for each guideway node and evaluated direction: its displacement if a single node of the mesh is 1 K
+    /// warmer, mm/K. The columns are the nodes of the mesh.
     rows: Vec<&'a [f64]>,
     loads: &'a [Load],
     /// Displacement of the guideway in each load case, µm.
@@ -68,8 +69,8 @@ impl<'a> Floors<'a> {
         parts.iter().map(|part| self.piece(&part.nodes)).collect()
     }
 
-    /// Returns the lower bound of the residual error, µm RMS over guideway and load cases. The division consists of all
-    /// `pieces` except those at the indices `gone`, and of the new pieces `made`.
+    /// Returns the lower bound of the residual error, µm RMS over guideway and load cases. The blocks of the division
+    /// are `pieces` without the indices `gone`, together with the new blocks `made`.
     fn floor(&self, pieces: &[Piece], gone: &[usize], made: &[Piece]) -> f64 {
         let kept =
             pieces.iter().enumerate().filter(|(place, _)| !gone.contains(place)).map(|(_, piece)| piece);
@@ -90,8 +91,8 @@ impl<'a> Floors<'a> {
         self.floor(&self.pieces(parts), &[], &[])
     }
 
-    /// Returns the additional cut with the smallest residual error; `None` if no cut is possible. `may` returns whether
-    /// a division is allowed.
+    /// Returns the division after the additional cut for which the lower bound of the residual error is smallest.
+    /// `None` if no cut is possible. `may` returns whether a division is allowed.
     #[must_use]
     pub fn best_cut(&self, parts: &[Part], may: &dyn Fn(&[Part]) -> bool) -> Option<Division> {
         let pieces = self.pieces(parts);
@@ -108,8 +109,8 @@ impl<'a> Floors<'a> {
         Some(Division { cut: Some(cut.clone()), parts, floor_um })
     }
 
-    /// Returns the cutting planes to try for the block `part`, each with `place`, the index of the block. In a block
-    /// larger than 50 mm, the planes are at whole millimetres.
+    /// Returns the cutting planes to try for the block `part`. Each plane is paired with `place`, the index of the
+    /// block. In a block larger than 50 mm, the planes are at whole millimetres.
     fn cuts(&self, place: usize, part: &Part) -> Vec<(usize, Cut)> {
         let mut cuts = Vec::new();
         for axis in 0..AXES.len() {
@@ -123,8 +124,8 @@ impl<'a> Floors<'a> {
         cuts
     }
 
-    /// Joins the two adjacent blocks whose union increases the residual error least; `None` if no two blocks can be
-    /// joined. `may` returns whether a division is allowed.
+    /// Joins two adjacent blocks: the pair for which the lower bound of the residual error increases least. `None` if
+    /// no two blocks can be joined. `may` returns whether a division is allowed.
     #[must_use]
     pub fn best_join(&self, parts: &[Part], may: &dyn Fn(&[Part]) -> bool) -> Option<Division> {
         let pieces = self.pieces(parts);
@@ -157,7 +158,8 @@ impl Piece {
     }
 }
 
-/// Returns the pairs of blocks that share an element, as indices, the lower one first.
+/// Returns the pairs of adjacent blocks, which share an element. A pair contains the indices of the blocks, the lower
+/// index first.
 fn neighbours(mesh: &Mesh, parts: &[Part]) -> Vec<(usize, usize)> {
     let owner = owners(mesh, parts);
     let mut pairs = BTreeSet::new();

@@ -1,5 +1,5 @@
-//! Drawing of the structure in three views, as inline SVG. The colours of the temperature bands can also be
-//! distinguished in a print without colours.
+//! Drawing of the structure in three views, as inline SVG. Each band of temperatures has its own colour. The bands can
+//! also be distinguished in a black-and-white print.
 
 use std::fmt::Write;
 
@@ -44,8 +44,8 @@ fn title(view: &View) -> String {
     format!("view from {sign}{}: {right}{across} to the right, {up} up", AXES[view.axis])
 }
 
-/// Returns the index of the colour band for a temperature rise. The pair is the smallest and the largest rise of the
-/// drawing.
+/// Returns the index of the colour band for a temperature rise. `low` and `high` are the smallest and the largest rise
+/// of the drawing.
 fn band(rise: f64, (low, high): (f64, f64)) -> usize {
     #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "one of eight")]
     let band = ((rise - low) / (high - low) * count(TONES.len())).max(0.0) as usize;

@@ -14,7 +14,7 @@ struct Shape<const D: usize> {
     derivative: [[f64; D]; 10],
 }
 
-/// Integration point of an element in space.
+/// Integration point of an element, with the shape functions at this point.
 pub(super) struct Point {
     /// Weight times the determinant of the Jacobian, mm³.
     pub(super) volume: f64,
@@ -32,9 +32,9 @@ const NEAR: f64 = 0.138_196_601_125_010_5;
 const FAR: f64 = 0.585_410_196_624_968_5;
 const SIXTH: f64 = 1.0 / 6.0;
 
-/// Returns the integration points of the volume. One point is exact for linear functions, and four points are exact for
-/// quadratic functions. These are few points for the heat capacity. However, CalculiX uses the same points, and the
-/// total stored heat is exact.
+/// Returns the integration rule for the volume of an element. One point is exact for linear functions, and four points
+/// are exact for quadratic functions. For the heat capacity, both rules are only approximate. CalculiX uses the same
+/// rules, and the total stored heat is exact.
 const fn volume_rule(kind: Kind) -> Rule<3> {
     match kind {
         Kind::Tet4 => &[([0.25; 3], SIXTH)],
@@ -104,7 +104,8 @@ impl<const D: usize> Shape<D> {
 }
 
 impl Shape<3> {
-    /// Returns the integration point in the element with nodes at `xyz`, mm.
+    /// Returns the integration point for an element whose nodes are at `xyz`, mm. `weight` is the weight of the point
+    /// in the integration rule.
     fn point(&self, weight: f64, xyz: &[[f64; 3]]) -> Point {
         let [u, v, w] = self.jacobian(xyz);
         let reciprocal = [cross(v, w), cross(w, u), cross(u, v)];

@@ -1,5 +1,5 @@
-//! Export for the gateway: the matrix P as a file for `kind = "matrix"`, and the model table of the profile. P contains
-//! the displacement of the guideway for each block that is 1 K warmer.
+//! Export for the gateway: the matrix P as a file for a model with `kind = "matrix"`, and the table of this model for
+//! the profile. P contains the displacement of the guideway for each block that is 1 K warmer.
 
 use std::str::FromStr;
 
@@ -15,7 +15,7 @@ use crate::study::Placement;
 pub struct Rider {
     /// Name of the signal that measures the temperature of this part.
     pub name: String,
-    /// Displacement per kelvin along x, y and z, µm/K.
+    /// Displacement of the machine along x, y and z if this part is 1 K warmer, µm/K.
     pub moves: [f64; 3],
 }
 

@@ -5,9 +5,9 @@
 //! ```text
 //! foreign ── files in other formats, which are refused with the command that converts them
 //! card ───── cards of the files: keyword, parameters, lines, with their locations
-//! assembly ─ the cards of an Abaqus part and its instance, at its position, become those of a file without parts
-//! keywords ─ known cards, and the order in which they are read: each after all that it may name
-//! reader ─── data read so far; mesh, material and load read their cards into it, with temperatures in °C
+//! assembly ─ converts an Abaqus file with a part and its instance to the cards of a file without parts
+//! keywords ─ known cards, and the order in which they are read: each after all cards that it may refer to
+//! reader ─── data read so far; mesh, material and load add the data of their cards, with temperatures in °C
 //! ```
 //! A Gmsh mesh names surfaces by flat elements (`CPS3`, `CPS6`). The nodes of such a set can be used as a node set. The
 //! faces of the set can be used in `*FILM` and `*DFLUX`, with the side `F` or `S` without a number.

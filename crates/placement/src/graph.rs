@@ -1,13 +1,14 @@
 //! Graph of the nodes of a mesh, and the order in which a Cholesky factorization eliminates them.
 //!
 //! The order is nested dissection by coordinates. A plane across one of the axes divides a set of nodes. The nodes on
-//! one side that are connected to the other side are eliminated last. The search covers all planes between the outer
-//! quarters, across all three axes, and selects the plane with the fewest such nodes. A hollow casting has planes with
-//! very few such nodes. On the measured columns, this order halves the work compared with approximate minimum degree.
+//! one side that are connected to the other side (the separator) are eliminated last. The search covers all planes
+//! between the outer quarters, across all three axes, and selects the plane with the fewest such nodes. A hollow
+//! casting has planes with very few such nodes. On the measured columns, this order halves the work compared with
+//! approximate minimum degree.
 
 use crate::mesh::{Mesh, count};
 
-/// Neighbours of each node, ascending, without the node itself.
+/// For each node of the mesh, the other nodes of its elements (neighbours), ascending.
 pub(super) struct Graph(Vec<Vec<usize>>);
 
 /// Number of nodes up to which a set is not divided further, because another cut would take more time than it saves.
@@ -40,7 +41,8 @@ impl Graph {
         &self.0[node]
     }
 
-    /// Returns an elimination order of the nodes that keeps the fill-in of the Cholesky factor small.
+    /// Returns an elimination order of the nodes that keeps the Cholesky factor small: with few additional nonzero
+    /// values.
     pub(super) fn order(&self, xyz: &[[f64; 3]], nodes: Vec<usize>) -> Vec<usize> {
         let mut order = Vec::with_capacity(nodes.len());
         let mut rank = vec![OUTSIDE; xyz.len()];
@@ -84,7 +86,7 @@ impl Graph {
                 continue;
             }
             let uneven = count(at.abs_diff(sorted.len() / 2)) / count(sorted.len());
-            // Number of nodes up to here that are connected to a node beyond.
+            // Number of nodes on this side of the plane that are connected to a node on the other side.
             let cost = count(at + 1 - ended) * (1.0 + UNEVEN * uneven);
             if best.is_none_or(|(least, _)| cost < least) {
                 best = Some((cost, at));

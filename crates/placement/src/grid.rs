@@ -74,7 +74,7 @@ impl Grid {
     }
 }
 
-/// Converts linear elements to quadratic ones.
+/// Converts linear elements to quadratic elements: adds the midpoints of their edges as nodes.
 fn add_middles(elements: &mut [Element], xyz: &mut Vec<[f64; 3]>) {
     let mut middles: HashMap<[usize; 2], usize> = HashMap::new();
     for element in elements {

@@ -12,7 +12,7 @@ pub struct GuideLine {
     pub rails: usize,
     /// Positions of the points along the guideway, mm, ascending.
     pub guide_mm: Vec<f64>,
-    /// For each point, the guideway nodes (indices in their list) and their weights.
+    /// For each point, the guideway nodes (indices in the list of guideway nodes) and their weights.
     weights: Vec<Vec<(usize, f64)>>,
 }
 
@@ -62,7 +62,8 @@ impl GuideLine {
     }
 }
 
-/// Divides the nodes into two rails at the largest gap between them, if it is more than half of their extent.
+/// Divides the nodes into two rails at the largest gap between them, if this gap is more than half of the extent of the
+/// nodes. `across` is an axis across the guideway.
 fn apart(guide: &[[f64; 3]], mut rail: Vec<usize>, across: usize) -> Vec<Vec<usize>> {
     rail.sort_by(|one, other| guide[*one][across].total_cmp(&guide[*other][across]));
     let at = |place: usize| guide[rail[place]][across];

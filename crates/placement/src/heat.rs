@@ -40,8 +40,8 @@ pub fn temperatures(
     reached(&Heat::of(mesh, materials, load)?, load, progress)
 }
 
-/// Calculates the temperature rises of several load cases, in parallel. A load case with the mesh, the materials and
-/// the prescribed nodes of the first load case uses the same matrix.
+/// Calculates the temperature rises of several load cases, in parallel. If a load case has the same mesh, materials and
+/// prescribed nodes as the first load case, it uses the conduction matrix of the first load case.
 pub fn temperatures_of_each(inputs: &[FeInput]) -> Vec<Result<Vec<f64>, HeatError>> {
     let first = inputs.first().map(|first| (first, Conducts::of(&first.mesh, &first.materials, &first.load)));
     let one = |input: &FeInput| {
@@ -192,10 +192,9 @@ impl Heat {
         Ok(reached)
     }
 
-    /// Returns the temperatures of all nodes, °C. They follow from the heat that enters, from the nodes of prescribed
-    /// temperature, and from `brought`. `brought` returns the heat flow into each free node from the heat stored at the
-    /// end of the previous step, mW. Nodes of prescribed temperature have this temperature from the start, and
-    /// contribute no heat from their initial temperature.
+    /// Returns the temperatures of all nodes in the steady state or at the end of a time step, °C. `brought` returns
+    /// the heat flow into each free node from the heat stored at the end of the previous step, mW. Nodes of prescribed
+    /// temperature have this temperature from the start, and contribute no heat from their initial temperature.
     fn solve(&self, factor: &Factor<1>, brought: impl Fn(usize) -> f64) -> Vec<f64> {
         let mut side = Mat::from_fn(self.enters.len(), 1, |row, _| self.enters[row] + brought(row));
         for (row, node, value) in &self.to_held {
@@ -244,7 +243,7 @@ pub(super) fn add_fluxes(mesh: &Mesh, fluxes: &[Flux], system: &System<1>, enter
     });
 }
 
-/// Fills a system of zeros with the heat capacity, mJ/K.
+/// Returns the heat capacity matrix, mJ/K. `system` is a matrix of zeros over the free nodes.
 fn capacity(mesh: &Mesh, materials: &Materials, mut system: System<1>) -> Result<System<1>, HeatError> {
     let mut used = materials.of_element.iter().map(|place| &materials.list[*place]);
     if let Some(without) = used.find(|material| material.capacity.is_none()) {
@@ -265,7 +264,7 @@ fn capacity(mesh: &Mesh, materials: &Materials, mut system: System<1>) -> Result
     Ok(system)
 }
 
-/// Calls `visit` for each node of a film, with the heat flow per kelvin of the fluid's temperature, mW/K.
+/// Calls `visit` for each node of a film, with the conductance between the node and the fluid, mW/K.
 pub(super) fn film_heat(mesh: &Mesh, film: &Film, mut visit: impl FnMut(usize, f64)) {
     for_each_face_point(mesh, film.face, |nodes, value, area| {
         for (node, value) in nodes.iter().zip(value) {
@@ -298,8 +297,8 @@ fn anchored(mesh: &Mesh, load: &LoadCase) -> Result<(), HeatError> {
     }
 }
 
-/// Returns the number of whole steps in a period. `steps` is the period divided by the length of a step. It may be
-/// slightly too small by rounding.
+/// Returns the number of whole steps in a period. `steps` is the period divided by the length of a step. This quotient
+/// may be slightly too small by rounding.
 fn whole_steps(steps: f64) -> usize {
     #[allow(
         clippy::cast_possible_truncation,

@@ -3,7 +3,7 @@
 use std::collections::{BTreeMap, HashMap};
 use std::fmt;
 
-/// Names of the directions.
+/// Names of the directions, in the order of their numbers: 0 x, 1 y, 2 z.
 pub const AXES: [&str; 3] = ["x", "y", "z"];
 
 /// Number of a node in the FE input file.
@@ -55,7 +55,8 @@ impl Kind {
     }
 }
 
-/// Nodes of the faces in the numbering of Abaqus and CalculiX, clockwise as seen from outside.
+/// For each face of a tetrahedron, the positions of its nodes in the element's node list. The numbering is that of
+/// Abaqus and CalculiX, clockwise as seen from outside.
 const FACES: [[usize; 6]; 4] =
     [[0, 1, 2, 4, 5, 6], [0, 3, 1, 7, 8, 4], [1, 3, 2, 8, 9, 5], [2, 3, 0, 9, 7, 6]];
 
@@ -70,7 +71,7 @@ pub struct Element {
     pub nodes: Vec<usize>,
 }
 
-/// A face of an element.
+/// Triangular face of an element, given by the element and the side.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct Face {
     /// Index of the element in [`Mesh::elements`].
@@ -157,7 +158,8 @@ impl Mesh {
     }
 }
 
-/// Parses a direction with a position or length: `z=450`.
+/// Parses a direction (x, y or z) with a position or length, for example `z=450`. Returns the number of the direction,
+/// and the value; `None` if the text is invalid.
 pub(super) fn axis_and_value(text: &str) -> Option<(usize, f64)> {
     let (axis, value) = text.split_once('=')?;
     let axis = AXES.iter().position(|known| known.eq_ignore_ascii_case(axis.trim()))?;

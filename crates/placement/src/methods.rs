@@ -45,7 +45,7 @@ pub fn nearest(target: &Target, theta: &[f64]) -> Vec<usize> {
 }
 
 /// Returns for each block the node nearest to the centre of its volume, whether a sensor can be mounted there or not.
-/// The result represents a choice without a calculation.
+/// These nodes represent a choice without a calculation, with which the methods are compared.
 #[must_use]
 pub fn central(problem: &Problem, xyz: &[[f64; 3]]) -> Vec<usize> {
     let central = |block: &Block| {

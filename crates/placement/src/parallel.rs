@@ -10,7 +10,8 @@ use crate::body::Progress;
 /// Callback that reports progress from any thread; see [`Progress`].
 type ReportProgress<'a> = &'a (dyn Fn(&str, usize, usize) + Sync);
 
-/// Runs `work` on another thread, and calls `progress` on the calling thread.
+/// Runs `work` on another thread, and calls `progress` on the calling thread, because `progress` cannot be shared
+/// between threads.
 pub(crate) fn listening<R: Send>(
     progress: Progress<'_>,
     work: impl FnOnce(ReportProgress<'_>) -> R + Send,

@@ -1,8 +1,9 @@
-//! Reduction of a structure to modes, which a simulated plant uses instead of its finite elements.
+//! Reduction of a structure to modes, which a simulated machine (plant) uses instead of its finite elements. A mode is
+//! a temperature field that decays at one rate.
 //!
 //! Heat enters through *ports* and films. A port is a patch of the surface with a heat flow in watts, which is
-//! distributed like the fluxes of the patch. The temperature of a port is the mean with the same weights. Films connect
-//! the structure to *sinks*, which have their own temperatures.
+//! distributed like the fluxes of the patch. The temperature of a port is the mean over the patch, with the weights of
+//! this distribution. Films connect the structure to *sinks* (such as the air), which have their own temperatures.
 //!
 //! K is the conduction with films, C the capacity, and F the inputs. The basis contains the uniform field, and (K +
 //! s·C)⁻¹·F for some s. These fields describe the structure long after a change and soon after it (rational Krylov;
@@ -37,7 +38,7 @@ const NEW: f64 = 1e-7;
 /// Reason why modes cannot be calculated.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum ReducedError {
-    /// Prescribed temperatures, or heat at single nodes.
+    /// Prescribed temperatures, or heat at single nodes; contains the card, for example `*CFLUX`.
     #[error(
         "{0} is not allowed in a plant: heat enters a plant only through fluxes and films on named surfaces"
     )]
@@ -55,20 +56,20 @@ pub enum ReducedError {
     Heat(#[from] HeatError),
 }
 
-/// Modes of a structure. The unit of an amplitude is √(J·K): half the square of the amplitude is the energy, over 1 K.
+/// Modes of a structure, normalized by the heat capacity. The unit of an amplitude is therefore √(J·K).
 #[derive(Debug, Clone, PartialEq)]
 pub struct Modes {
     /// Decay rate of each mode, 1/s, ascending.
     pub rates: Vec<f64>,
     /// Amplitude of each mode if the whole structure is 1 K warmer.
     pub uniform: Vec<f64>,
-    /// For each port, its temperature for the amplitude 1 of each mode, K. A heat flow of 1 W into the port excites the
-    /// modes with the same numbers.
+    /// For each port, its temperature if one mode has the amplitude 1, for each mode, K. A heat flow of 1 W into the
+    /// port excites the modes with the same numbers.
     pub ports: BTreeMap<String, Vec<f64>>,
     /// For each sink, the excitation of each mode if the sink is 1 K warmer. The sum of these numbers times `uniform`
     /// is film coefficient times area, W/K.
     pub sinks: BTreeMap<String, Vec<f64>>,
-    /// For each mode, the temperature of every node for the amplitude 1, K.
+    /// For each mode, the temperature of every node if the mode has the amplitude 1, K.
     pub shapes: Vec<Vec<f64>>,
 }
 

@@ -1,4 +1,6 @@
-//! Linear thermo-elasticity: deformation of a supported body as its nodes become warmer.
+//! Linear thermo-elasticity: deformation of a supported body as its nodes become warmer. The guideway is the set of
+//! nodes along which a machine axis moves. Its sensitivity is the displacement of these nodes per kelvin of each node of
+//! the mesh, mm/K.
 
 use faer::{Mat, MatRef};
 use rayon::prelude::*;
@@ -49,10 +51,10 @@ pub struct Structure<'a> {
     factor: Factor<3>,
 }
 
-/// Sensitivity of guideway nodes to the temperature of each node of the structure.
+/// Sensitivity matrix: displacement of each guideway node if one node of the structure is 1 K warmer.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Adjoint {
-    /// Number of rows: three (x, y, z) for each guideway node, in their order.
+    /// Number of rows: three (x, y, z) for each guideway node, in the order of the nodes.
     pub rows: usize,
     /// Number of columns of the matrix: nodes of the mesh.
     pub columns: usize,
@@ -61,8 +63,8 @@ pub struct Adjoint {
 }
 
 impl Adjoint {
-    /// Returns the sensitivity of one component of one guideway node (row 3·node + component) to every node of the
-    /// mesh, mm/K.
+    /// Returns the sensitivity of one displacement component of one guideway node to the temperature of every node of
+    /// the mesh, mm/K. The index `row` is 3·node + component.
     #[must_use]
     pub fn row(&self, row: usize) -> &[f64] {
         &self.values[row * self.columns..(row + 1) * self.columns]
@@ -75,7 +77,8 @@ impl Adjoint {
         (0..self.rows).map(|row| nodes.iter().map(|node| self.row(row)[*node]).sum()).collect()
     }
 
-    /// Returns the displacements of the guideway for these rises of all nodes in K, mm.
+    /// Returns the displacements of the guideway nodes, mm: x, y and z of each node. `rises` contains the temperature
+    /// rise of every node of the mesh, K.
     #[must_use]
     pub fn displacements(&self, rises: &[f64]) -> Vec<f64> {
         let one = |row| self.row(row).iter().zip(rises).map(|(each, rise)| each * rise).sum();
@@ -125,8 +128,9 @@ impl<'a> Structure<'a> {
         Ok(Self { mesh, materials, factor })
     }
 
-    /// Calculates the sensitivity of guideway nodes to all nodes, by adjoints. Each component of a guideway node
-    /// requires one solution, independently of the number of nodes, blocks and cases.
+    /// Calculates the sensitivity of the guideway nodes `guide` to the temperature of every node, by adjoints. An
+    /// adjoint is the displacement field of a unit force on one component (x, y or z) of a guideway node. Each
+    /// component requires one solution, independently of the number of nodes, blocks and cases.
     #[must_use]
     pub fn guideway(&self, guide: &[usize], progress: Progress<'_>) -> Adjoint {
         let columns = self.mesh.nodes.len();
@@ -148,7 +152,8 @@ impl<'a> Structure<'a> {
         Adjoint { rows, columns, values }
     }
 
-    /// Calculates for each adjoint displacement the work of the thermal expansion of each node (for 1 K).
+    /// Calculates the sensitivities from the adjoint displacement fields. Each sensitivity is the work of the thermal
+    /// expansion of one node (for 1 K) in one adjoint field.
     fn gather(&self, adjoints: &Mat<f64>, values: &mut [f64]) {
         let columns = self.mesh.nodes.len();
         let each = adjoints.ncols().div_ceil(rayon::current_num_threads()).max(1);
@@ -166,7 +171,8 @@ impl<'a> Structure<'a> {
         });
     }
 
-    /// Returns the work for each node of the mesh. `adjoints` contains the values of `rows` adjoints side by side.
+    /// Returns for each node of the mesh the work of its thermal expansion in each of the `rows` adjoint displacement
+    /// fields. `adjoints` contains the values of these fields side by side.
     fn works(&self, adjoints: &[f64], rows: usize) -> Vec<f64> {
         let mut works = vec![0.0; self.mesh.nodes.len() * rows];
         let mut spread = vec![0.0; rows];
@@ -200,8 +206,8 @@ impl<'a> Structure<'a> {
     }
 }
 
-/// Calculates the sensitivity of the guideway from the first file, and the temperatures of the load case of each file,
-/// in parallel.
+/// Calculates two results in parallel. The first is the displacement of the guideway nodes per kelvin of each node, for
+/// the mesh and materials of the first file. The second is the temperature rises in the load case of each file.
 ///
 /// # Errors
 /// The body can move as a rigid body. The result of a single load case is an error if the load case has no solution.

@@ -41,7 +41,7 @@ pub struct Criteria {
     pub case: Option<usize>,
     /// Limits below which errors are negligible. A method ends when it reaches its limit.
     pub tolerance: Tolerance,
-    /// Assumed distance of each sensor from its calculated place, mm.
+    /// Assumed distance of each sensor from its calculated place, mm. The study reports the additional error.
     pub misplaced: f64,
 }
 
@@ -55,11 +55,12 @@ pub struct Study {
     /// Matrix P, mm/K: displacement of the guideway if a block is 1 K warmer. Three rows (x, y,
     /// z) for each guideway node, and one column for each block.
     pub p: Vec<Vec<f64>>,
-    /// Sensitivity of the guideway to every node; `None` if other divisions into blocks are not to be evaluated.
+    /// Displacement of the guideway nodes per kelvin of every node; `None` if other divisions into blocks are not to be
+    /// evaluated.
     pub adjoint: Option<Adjoint>,
     /// Blocks of the structure: name and nodes of each block.
     pub parts: Vec<Part>,
-    /// Positions allowed for sensors.
+    /// Nodes at which sensors may be mounted, and their minimum distance from other blocks.
     pub reach: Reach,
     /// Load cases; the list has at least one.
     pub loads: Vec<Load>,
@@ -90,7 +91,7 @@ impl Sensor {
     }
 }
 
-/// Error along the guideway, µm.
+/// Error along the guideway (difference between predicted and actual displacement), µm.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Residual {
     /// Root mean square of the error along the guideway.
@@ -114,7 +115,7 @@ pub struct MethodResult {
     /// Block temperatures θg that the method requests (rises, K). Empty for a method that selects nodes directly.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub theta_k: Vec<f64>,
-    /// Rounds of an iterative method.
+    /// Rounds of an iterative method, in their order. Empty for other methods.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub rounds: Vec<Round>,
 }
@@ -205,7 +206,7 @@ pub struct Placement {
     /// Results of each case.
     #[serde(serialize_with = "by_name")]
     pub cases: Vec<CaseResult>,
-    /// Each placement evaluated on every case.
+    /// Placements for a single load case and for all cases, each with its error on every case.
     pub cross_case: Vec<CrossCase>,
     /// Noise of the sensors, K.
     pub noise_k: f64,
@@ -219,9 +220,10 @@ pub struct Placement {
     pub rms_um: f64,
     /// Whether the division into blocks limits the result more than the places of the sensors.
     pub blocks_limit: bool,
-    /// Best further cut in the form of `--cut`, and the lower bound after it, µm RMS over all cases.
+    /// Best further cut in the form of the option `--cut`, and the lower bound of the error after this cut, µm RMS over
+    /// all cases.
     pub best_cut: Option<(String, f64)>,
-    /// Error by number of sensors; empty without the sensitivity of the guideway to every node.
+    /// Error for each number of sensors. Empty if [`Study::adjoint`] is `None`.
     pub by_number: Vec<SensorCount>,
     /// Coordinates of the guideway nodes, mm.
     pub guide_xyz: Vec<[f64; 3]>,
@@ -384,8 +386,8 @@ pub(super) fn moves_most(cases: &[CaseResult]) -> usize {
 /// Largest plausible change of a temperature, K: a machine is between -40 and 200 °C.
 const LARGEST_RISE: f64 = 240.0;
 
-/// Returns a remark about a load case with temperatures that no machine has. A wrong unit of a load or of a material has
-/// this effect.
+/// Returns a remark about a load case with temperatures that no machine has; `None` if the temperatures are plausible.
+/// A wrong unit of a load or of a material has this effect.
 fn implausible(load: &Load) -> Option<String> {
     let larger = |one: f64, other: f64| if other.abs() > one.abs() { other } else { one };
     let rise = load.rise.iter().copied().fold(0.0, larger);

@@ -1,5 +1,5 @@
-//! Symmetric positive definite system over the free nodes of a mesh. The system is assembled, factored once, and solved
-//! for many right-hand sides.
+//! Symmetric positive definite system over the free nodes of a mesh. A node is free if its value is unknown, not fixed
+//! or prescribed. The system is assembled, factored once, and solved for many right-hand sides.
 
 use std::sync::Arc;
 
@@ -18,17 +18,18 @@ use crate::graph::Graph;
 /// Number of equations (matrix rows) up to which threads cost more time than they save.
 const SMALL: usize = 30_000;
 
-/// Sparsity pattern of a system over the free nodes of a mesh.
+/// Sparsity pattern of a system over the free nodes of a mesh: positions of the matrix entries that can be nonzero.
 struct Pattern {
     /// For each node of the mesh, its number among the free nodes; `None` for a fixed node.
     free: Vec<Option<usize>>,
-    /// Number of rows of a right-hand side.
+    /// Number of rows of a right-hand side: the number of equations.
     size: usize,
     /// Index in `rows` at which each column of the matrix begins.
     start: Vec<usize>,
     /// Row number of each matrix entry, ascending in each column.
     rows: Vec<usize>,
-    /// Elimination order and fill-in, which are the same for all values; `None` if they cannot be determined.
+    /// Elimination order, and structure of the Cholesky factor. Both depend only on the pattern. `None` if they cannot
+    /// be determined.
     symbolic: Option<Arc<SymbolicCholesky<usize>>>,
 }
 
@@ -126,7 +127,8 @@ impl<const WIDTH: usize> System<WIDTH> {
     }
 }
 
-/// Calculates the fill-in if the free nodes are eliminated in this order; `None` if that fails.
+/// Determines the structure of the Cholesky factor if the free nodes are eliminated in this order; `None` if that
+/// fails.
 fn eliminated<const WIDTH: usize>(
     order: &[usize],
     start: &[usize],

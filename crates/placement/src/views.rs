@@ -25,12 +25,12 @@ pub struct View {
     seen: Vec<Option<VisiblePoint>>,
 }
 
-/// Point of the surface that is visible in one pixel.
+/// Point of the surface that is visible in one pixel: a position on a triangle of the mesh surface.
 #[derive(Clone, Copy, Debug)]
 pub struct VisiblePoint {
     /// Coordinate of the point along the axis of the view, towards the viewer, mm.
     depth: f64,
-    /// Corners of one triangle of the surface.
+    /// Corners of one triangle of the surface, as indices of nodes of the mesh.
     pub corners: [usize; 3],
     /// Weight of each corner for interpolation; the sum of the weights is 1.
     pub shares: [f64; 3],
@@ -43,7 +43,7 @@ impl VisiblePoint {
         self.corners.iter().zip(&self.shares).map(|(corner, share)| share * values[*corner]).sum()
     }
 
-    /// Returns the corner of the triangle that is nearest to this point.
+    /// Returns the corner of the triangle that is nearest to this point, as an index of a node.
     #[must_use]
     pub fn nearest(&self) -> usize {
         let nearest = (0..3).max_by(|one, other| self.shares[*one].total_cmp(&self.shares[*other]));

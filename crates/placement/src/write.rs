@@ -1,4 +1,5 @@
-//! FE input files in the format of CalculiX.
+//! Writer of FE input files in the format of CalculiX. A card is a keyword line such as `*NODE`, together with its data
+//! lines.
 
 use std::fmt::Write as _;
 

@@ -56,7 +56,7 @@ pub trait Publisher: Send {
     fn connected(&mut self, now: Moment, snapshot: &Snapshot) -> Vec<Message>;
 
     /// Returns messages for values that have changed, or whose last publication is too long ago. The gateway calls this
-    /// function when there is room for all messages, possibly more often than necessary.
+    /// function when no earlier message waits for the broker, possibly more often than necessary.
     fn publish(&mut self, now: Moment, snapshot: &Snapshot) -> Vec<Message>;
 
     /// Handles a received message. The snapshot contains no events; they are in the next snapshot.

@@ -8,9 +8,9 @@
 //! GROUP/MACHINE/event           { "at": …, "kind": "axis-state", "level": "warning", "text": …, "data": { … } }
 //! ```
 //!
-//! The broker retains all messages except events. Documents have QoS 0, because the next document replaces a lost one.
-//! State, events and the discovery messages for Home Assistant have QoS 1. The state is published again after `refresh`
-//! as well, because another client may have replaced the retained message.
+//! The broker retains all messages except events. Documents have QoS 0, because the next document replaces a lost
+//! document. State, events and the discovery messages for Home Assistant have QoS 1. The state is published again after
+//! `refresh` as well, because another client may have replaced the retained message.
 
 use std::collections::{BTreeMap, VecDeque};
 use std::time::Duration;
@@ -33,7 +33,7 @@ const MOST_RECENT: usize = 1000;
 pub struct JsonSettings {
     /// First level of every topic, except those of the discovery messages.
     pub group: String,
-    /// Name of the machine.
+    /// Name of the machine, the second level of every topic except those of the discovery messages.
     pub machine: String,
     /// Version of isotherm, shown by Home Assistant.
     pub version: String,

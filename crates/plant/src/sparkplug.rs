@@ -1,4 +1,5 @@
-//! Sparkplug B, version 3.0 of the specification: isotherm is an edge node.
+//! Sparkplug B, version 3.0 of the specification: isotherm is an edge node. A birth message contains all metrics of the
+//! node, and a death message reports that the node is offline.
 //!
 //! ```text
 //! message   will ──► NBIRTH ──► NDATA …        ──► NDEATH
@@ -13,8 +14,9 @@
 //! **Report by exception.** Data messages contain the alias from the birth. They contain only metrics that have changed
 //! by at least their resolution.
 //!
-//! **Unknown values** are null. For a signal, the property `Quality` is then 0, and 192 in the first value after that.
-//! Other values have no such property. A rejected value is not published as stale, so that no historian stores it.
+//! **Unknown values** are null. For a signal, the property `Quality` is then 0, and 192 in the first valid value after
+//! that. Other values have no such property. A rejected value is not published as stale, so that no historian stores
+//! it.
 //!
 //! **Events** are the metric `gateway/event`: the text, with the properties `kind` and `importance`.
 //!
@@ -27,10 +29,11 @@
 //! allows it. All other commands are refused.
 //!
 //! **Primary host.** If the profile names one, the node is born only while this host is online. When the host goes
-//! offline, the node publishes its death, and the gateway closes the connection. What happens until the host is back
-//! becomes stored records. So do the values of the last minutes before, because the broker reports a dead host only
-//! after a while. Without a host in the profile, the node ignores the state of every host: each client that may publish
-//! below `spBv1.0/STATE` could otherwise disconnect the node from all other hosts.
+//! offline, the node publishes its death, and the gateway closes the connection. Values and events until the host is
+//! online again become stored records. The values of the last minutes before that also become stored records, because
+//! the broker reports a dead host only after a while. Without a host in the profile, the node ignores the state of
+//! every host: each client that may publish below `spBv1.0/STATE` could otherwise disconnect the node from all other
+//! hosts.
 //!
 //! **Quality of service 0** for births and data, as the specification requires: the broker does not acknowledge these
 //! messages. If the broker acknowledges a later packet on the same connection, they are delivered.
@@ -91,13 +94,13 @@ pub struct Sparkplug {
     shift: Shift,
     published: PublishedMetrics,
     unconfirmed: Unconfirmed,
-    /// Stored records that were published recently, used only with a primary host. They are on disk until the broker
-    /// has them, but the host may die before it has stored them.
+    /// Stored records that were published recently, used only with a primary host. If the host goes offline before it
+    /// has received them, they are stored again.
     forwarded: Unconfirmed,
     /// Whether a host has requested a birth message that must wait for the minimum time between births. The node
     /// publishes no data before this birth.
     owes_birth: bool,
-    /// Events since a host requested the birth message. They are published after that message.
+    /// Events that occurred after a host requested the birth message. They are published after this birth message.
     waiting: Vec<PlantEvent>,
     /// Time stamp and content of the last measured error without an identification. A second message with the same time
     /// stamp and content is a duplicate delivery.
@@ -346,7 +349,7 @@ impl Publisher for Sparkplug {
         };
         self.owes_birth |= asks_for_birth;
         let is_due = self.owes_birth && self.may_be_born(now);
-        // The next snapshot contains its events.
+        // This snapshot contains no events; they are in the next snapshot.
         let messages = if is_due { self.birth(now, snapshot, &[]) } else { Vec::new() };
         Reaction { messages, outcome }
     }
@@ -356,7 +359,8 @@ impl Publisher for Sparkplug {
         self.owes_birth = false;
         let mut kept = self.forwarded.take(last_received);
         if self.host() != PrimaryHost::Offline {
-            // The broker is lost. The gateway publishes them again, because they are still on disk.
+            // The connection to the broker is lost, but the forwarded records are still on disk. The gateway publishes
+            // them again.
             kept.clear();
         }
         kept.extend(self.unconfirmed.take(last_received));

@@ -14,8 +14,8 @@
 //! **A full store** removes its whole oldest file. The records in it that were not published are counted as lost.
 //!
 //! Records are numbered, and the checksum includes the number. Therefore bytes at another position, of another file, or
-//! of an earlier store are not accepted as a record. Records in a damaged file are counted as lost. The first number in
-//! the next file shows how many there were.
+//! of an earlier store are not accepted as a record. Records in a damaged file are counted as lost. The first record
+//! number of the next file shows how many records were lost.
 
 use std::collections::VecDeque;
 use std::fs::{self, File};
@@ -39,7 +39,7 @@ const CHECKSUM: crc::Crc<u32> = crc::Crc::<u32>::new(&crc::CRC_32_ISO_HDLC);
 
 /// Permissions of the files: the owner can write, the group can read.
 const MODE: u32 = 0o640;
-/// Maximum size of a file in bytes. In a small store, it is a sixteenth of the size of the store.
+/// Maximum size of a file in bytes. In a small store, the maximum is a sixteenth of the size of the store.
 const LONGEST_FILE: u64 = 1024 * 1024;
 const FILES: u64 = 16;
 

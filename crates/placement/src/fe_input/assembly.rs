@@ -1,5 +1,6 @@
 //! Conversion of an Abaqus file with a part and its instance to the cards of a file without parts. A card is a line
-//! with a keyword such as `*NODE`, together with the data lines below it.
+//! with a keyword such as `*NODE`, together with the data lines below it. A part contains a mesh; an instance puts the
+//! part at a position in the assembly.
 //!
 //! One instance is supported. Several instances would need a joint other than common nodes. A name that the part
 //! defines does not change, unless the assembly defines the same name. In that case, the name of the part becomes
@@ -18,10 +19,10 @@ use crate::element::{dot, minus};
 enum Block {
     /// Outside of all blocks.
     Model,
-    /// Part with this name.
+    /// Between `*PART` and `*END PART`; contains the name of the part.
     Part(String),
     Assembly,
-    /// Instance of a part: the last instance in the list of instances.
+    /// Between `*INSTANCE` and `*END INSTANCE`. The cards belong to the last element of `Blocks::instances`.
     Instance,
 }
 
@@ -39,14 +40,14 @@ struct Instance {
 struct Blocks {
     parts: BTreeMap<String, Vec<Card>>,
     instances: Vec<Instance>,
-    /// Cards of the assembly and of the model.
+    /// Cards outside of the parts and instances.
     others: Vec<Card>,
 }
 
 const BLOCKS: [&str; 6] = ["PART", "ENDPART", "ASSEMBLY", "ENDASSEMBLY", "INSTANCE", "ENDINSTANCE"];
 
-/// Converts the cards of a file with parts to those of a file without parts. Other files are not changed. Returns
-/// `None` after an error, which is in `faults`.
+/// Converts the cards of a file with parts to those of a file without parts. Cards of other files are returned
+/// unchanged. Returns `None` after an error, which is in `faults`.
 pub(super) fn without_parts(cards: Vec<Card>, faults: &mut Faults) -> Option<Vec<Card>> {
     let Some(first) = cards.iter().find(|card| BLOCKS.contains(&card.key.as_str())) else {
         return Some(cards);
@@ -121,7 +122,8 @@ fn blocks(cards: Vec<Card>, faults: &mut Faults) -> Blocks {
     blocks
 }
 
-/// Reads the data lines of an `*INSTANCE`; both lines may be missing.
+/// Reads the position of an instance from the data lines of `*INSTANCE`. The first line is the translation, and the
+/// second line the rotation. Both lines may be missing.
 fn position(card: &Card) -> Result<Position, Fault> {
     let mut position = Position { shift: [0.0; 3], turn: None };
     if let Some(line) = card.lines.first() {

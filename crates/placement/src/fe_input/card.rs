@@ -12,7 +12,7 @@ use super::position::Position;
 use super::{Fault, Faults, foreign};
 use crate::mesh::AXES;
 
-/// Location of a text in a file.
+/// Location of a card or a data line, for error messages.
 #[derive(Debug, Clone)]
 pub(super) struct Location {
     file: Rc<Path>,
@@ -104,7 +104,7 @@ impl Line {
         self.at.fault(message)
     }
 
-    /// Replaces each value for which `renamed` returns `Some`.
+    /// Replaces each value of the data line for which `renamed` returns a new text. `None` leaves the value unchanged.
     fn rename(&mut self, renamed: impl Fn(&str) -> Option<String>) {
         if self.values().any(|value| renamed(value).is_some()) {
             let values: Vec<String> =
@@ -114,7 +114,7 @@ impl Line {
     }
 }
 
-/// Shortens a text from the input file, to quote it in a message.
+/// Shortens a text from the input file to 200 characters, to quote it in a message.
 pub(super) fn quoted(text: &str) -> String {
     const LONGEST: usize = 200;
     match text.char_indices().nth(LONGEST) {
@@ -172,7 +172,8 @@ impl Card {
         Some(value)
     }
 
-    /// Replaces the values of the parameters in `names`, if `renamed` returns `Some` for them.
+    /// Replaces the values of the parameters in `names` for which `renamed` returns a new text. `None` leaves the value
+    /// unchanged.
     pub(super) fn rename_parameters(&mut self, names: &[&str], renamed: impl Fn(&str) -> Option<String>) {
         for (_, value) in self.parameters.iter_mut().filter(|(name, _)| names.contains(&name.as_str())) {
             if let Some(new) = value.as_deref().and_then(&renamed) {
@@ -181,7 +182,7 @@ impl Card {
         }
     }
 
-    /// Replaces each value of the data lines for which `renamed` returns `Some`.
+    /// Replaces each value of the data lines for which `renamed` returns a new text. `None` leaves the value unchanged.
     pub(super) fn rename_values(&mut self, renamed: impl Fn(&str) -> Option<String>) {
         self.lines.iter_mut().for_each(|line| line.rename(&renamed));
     }

@@ -17,7 +17,7 @@ pub struct FeInput {
     /// Names of the surfaces with films and fluxes.
     pub surfaces: SurfaceNames,
     /// Nodes that `*BOUNDARY` fixes in x, y and z, ascending. The list is often empty, because heat conduction does not
-    /// require it.
+    /// require fixed nodes.
     pub supports: Vec<usize>,
 }
 

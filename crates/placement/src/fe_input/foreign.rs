@@ -13,7 +13,7 @@ enum Remedy {
     GmshMeshes,
     /// The command `meshio convert` converts the file; contains the input format for the command.
     Meshio(&'static str),
-    /// Any other way, described in a sentence.
+    /// Another way to convert the file, described in a sentence.
     By(&'static str),
 }
 

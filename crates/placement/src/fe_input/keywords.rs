@@ -27,7 +27,7 @@ enum Stage {
 const STAGES_WITH_MESH: [Stage; 6] =
     [Stage::Surfaces, Stage::Materials, Stage::Sections, Stage::Boundary, Stage::Step, Stage::Anywhere];
 
-/// Keyword, stage, allowed parameters, and reader function.
+/// Keyword, stage, allowed parameters (separated by blanks), and the function that reads the card.
 type Keyword = (&'static str, Stage, &'static str, Read);
 type Read = fn(&mut Reader, &Card) -> Result<(), Fault>;
 
@@ -73,9 +73,11 @@ const KEYWORDS: [Keyword; 35] = [
 ];
 
 const CONSTANTS: &str = "ABSOLUTEZERO STEFANBOLTZMANN NEWTONGRAVITY";
-/// Parameters of the cards that begin the calculation. DELTMX and MXDEM control the steps of other programs.
+/// Allowed parameters of the cards that begin the calculation, such as `*HEAT TRANSFER`. DELTMX and MXDEM control the
+/// time steps of other programs.
 const HEAT_TRANSFER: &str = "STEADYSTATE DIRECT SOLVER END DELTMX MXDEM";
-/// Parameters of the step. A calculation of small rises is linear with and without NLGEOM.
+/// Allowed parameters of the card `*STEP`. NLGEOM (large deformations) has no effect, because the calculated
+/// deformations are small.
 const STEP: &str = "INC AMPLITUDE NLGEOM UNSYMM EXTRAPOLATION";
 const PRINTED: &str = "NSET ELSET FREQUENCY FREQUENCYF TOTALS GLOBAL OUTPUT TIMEPOINTS NODES 2D 3D FIELD HISTORY VARIABLE OP \
                        NUMBERINTERVAL TIMEINTERVAL DIRECTIONS LASTITERATIONS CONTACTELEMENTS SURFACE";

@@ -1,4 +1,5 @@
-//! Initial and prescribed temperatures, and the step: heat transfer, films, fluxes, and print requests.
+//! Reader functions of the cards of a load case: initial temperatures, prescribed temperatures, and the step. The step
+//! contains heat transfer, films, fluxes, and print requests.
 
 use std::path::Path;
 
@@ -32,7 +33,7 @@ pub(super) fn heat_transfer(reader: &mut Reader, card: &Card) -> Result<(), Faul
     case.map(drop)
 }
 
-/// Maximum number of steps; more would take too long.
+/// Maximum number of time steps in a load case; more would take too long.
 const MOST_STEPS: f64 = 100_000.0;
 
 fn transient(card: &Card) -> Result<Case, Fault> {
@@ -142,7 +143,7 @@ pub(super) fn nodal(reader: &mut Reader, card: &Card) -> Result<(), Fault> {
 
 /// Effect of one data line of `*BOUNDARY`.
 enum Held {
-    /// Directions 1 to 3 that are fixed.
+    /// Fixed directions: 1 to 3 are x, y and z. 4 to 6 are rotations, which have no effect on a solid.
     Directions(std::ops::RangeInclusive<usize>),
     /// Prescribed temperature, °C.
     Temperature(f64),
@@ -185,7 +186,7 @@ fn held(line: &Line, scale: Option<Scale>) -> Result<Held, Fault> {
     Ok(Held::Directions(directions))
 }
 
-/// Reads `*BOUNDARY`, which may be before the step or in the step.
+/// Reads the fixed nodes and prescribed temperatures of `*BOUNDARY`. The card may be before the step or in the step.
 pub(super) fn boundary(reader: &mut Reader, card: &Card) -> Result<(), Fault> {
     let is_new = card.value("OP").is_some_and(|op| op == "NEW");
     match &reader.kept_boundary {

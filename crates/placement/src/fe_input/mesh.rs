@@ -28,9 +28,9 @@ pub(super) fn nodes(reader: &mut Reader, card: &Card) -> Result<(), Fault> {
     Ok(())
 }
 
-/// Names of element types with the same shape, with the kind of solid and the number of nodes. `None` means a line or
-/// surface of the geometry, which only names a location. Each list includes the types for heat transfer (`DC3D10`), for
-/// coupled steps (`C3D10T`), and with other formulations (`C3D10MH`, which meshio writes).
+/// Names of element types with the same shape, with the kind of solid and the number of nodes. `None` instead of a kind
+/// means a line or surface element, which only marks a place of the geometry. Each list includes the types for heat
+/// transfer (`DC3D10`), for coupled steps (`C3D10T`), and with other formulations (`C3D10MH`, which meshio writes).
 const TYPES: [(&str, Option<Kind>, usize); 6] = [
     ("C3D4 DC3D4 C3D4T C3D4H", Some(Kind::Tet4), 4),
     (
@@ -124,7 +124,8 @@ fn solid(reader: &mut Reader, element: Element, at: Location) {
     reader.element_at.push(at);
 }
 
-/// Returns the set name in a parameter; `None` if the card does not have the parameter.
+/// Returns the set name in a parameter, in capitals; `None` if the card does not have the parameter. Fails if the name
+/// is empty, too long, or only a number.
 fn named(card: &Card, parameter: &str) -> Result<Option<String>, Fault> {
     let Some(name) = card.value(parameter) else { return Ok(None) };
     if name.is_empty() {
@@ -139,7 +140,7 @@ fn named(card: &Card, parameter: &str) -> Result<Option<String>, Fault> {
     Ok(Some(name))
 }
 
-/// Reads `*NSET` and `*ELSET`.
+/// Reads a node set (`*NSET`) or an element set (`*ELSET`).
 pub(super) fn set(reader: &mut Reader, card: &Card) -> Result<(), Fault> {
     let of_nodes = card.key == "NSET";
     let what = if of_nodes { "node" } else { "element" };

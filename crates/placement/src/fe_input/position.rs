@@ -22,7 +22,7 @@ pub(super) struct Turn {
 }
 
 impl Position {
-    /// Returns the coordinates in the model of a point of the part, mm.
+    /// Converts the coordinates of a point of the part to the coordinates of this point in the model, mm.
     pub(super) fn place(&self, xyz: [f64; 3]) -> [f64; 3] {
         let moved = [0, 1, 2].map(|axis| xyz[axis] + self.shift[axis]);
         let Some(Turn { origin, axis, angle }) = &self.turn else { return moved };

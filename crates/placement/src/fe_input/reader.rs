@@ -16,7 +16,7 @@ pub(super) struct Reader {
     /// Whether an error of the mesh was reported. References to missing nodes or elements then cause no further
     /// messages.
     pub(super) is_spoiled: bool,
-    /// Numbers of the nodes in no element, ascending. They are not in the mesh.
+    /// Numbers of the nodes that belong to no element, ascending. These nodes are not in the mesh.
     free: Vec<u32>,
     /// Number, coordinates (mm) and location of each node, in the order of the file.
     pub(super) nodes: Vec<(u32, [f64; 3], Location)>,
@@ -25,13 +25,13 @@ pub(super) struct Reader {
     pub(super) numbers: HashMap<u32, usize>,
     /// Location of each element in the files.
     pub(super) element_at: Vec<Location>,
-    /// Outlines: lines and surfaces of the geometry, with their numbers and nodes. In sets, the indices of outlines
-    /// begin after the last index of an element.
+    /// Outlines: line and surface elements of the input file, with their numbers and nodes. In sets, the indices of
+    /// outlines begin after the last index of a solid element.
     pub(super) outlines: Vec<(u32, Vec<usize>)>,
     outline_numbers: HashMap<u32, usize>,
     /// Sets that `*NODE` (true) or `*ELEMENT` (false) defines: name, and numbers of the members.
     pub(super) named: Vec<(bool, String, Vec<u32>)>,
-    /// Outer faces, by their three corner nodes.
+    /// Outer faces of the mesh. The key is the three corner nodes of the face.
     outer: HashMap<[usize; 3], Face>,
     /// Outer faces of each surface. The key is the name of the surface.
     pub(super) surfaces: BTreeMap<String, Vec<Face>>,
@@ -45,9 +45,10 @@ pub(super) struct Reader {
     pub(super) initial: Vec<Option<f64>>,
     /// Scale of the initial temperatures (°C or kelvin); `None` before the first initial temperature is read.
     pub(super) scale: Option<Scale>,
-    /// Location of the first `*BOUNDARY` without `OP=NEW`.
+    /// Location of the first `*BOUNDARY` without `OP=NEW`. A later card with `OP=NEW` would remove its supports, and is
+    /// an error.
     pub(super) kept_boundary: Option<Location>,
-    /// Fixed directions of nodes, with the location of the line.
+    /// Fixed directions (x, y, z) of each node, with the location of the data line. The key is the index of the node.
     pub(super) supports: BTreeMap<usize, ([bool; 3], Location)>,
     /// Prescribed temperatures, °C. The key is the index of the node.
     pub(super) held: BTreeMap<usize, f64>,
@@ -81,9 +82,9 @@ impl Reader {
         }
     }
 
-    /// Returns the index of a node, or the indices of the nodes of a set. The name of an element set names the nodes of
-    /// its elements, if no node set has this name: Gmsh writes only element sets by default. If the name is unknown,
-    /// adds an error and returns an empty list.
+    /// Returns the index of a node, or the indices of the nodes of a set. If no node set has this name, returns the
+    /// nodes of the element set with this name: Gmsh writes only element sets by default. If the name is unknown, adds
+    /// an error and returns an empty list.
     pub(super) fn nodes(&mut self, name: &str, at: &Location) -> Vec<usize> {
         let found = look_up(name, "node", |id| self.mesh.place(NodeId(id)), &self.mesh.node_sets);
         let found = found.or_else(|why| match name.parse() {
@@ -112,8 +113,9 @@ impl Reader {
         self.found(found, at)
     }
 
-    /// Returns the faces of a surface, or one side of an element or of each element of a set. `letter` is the prefix of
-    /// a side. Adds an error for each face inside the structure.
+    /// Returns the faces that the first value of the line names. Without `side`, the value is the name of a surface.
+    /// With `side`, the value is an element or an element set, and the result is this side of each element. `letter` is
+    /// the prefix of a side in messages. Adds an error for each face inside the structure.
     pub(super) fn faces(&mut self, line: &Line, side: Option<usize>, letter: &str) -> Vec<Face> {
         let faces = match side {
             None => {
@@ -163,8 +165,8 @@ impl Reader {
         if of_nodes { &mut self.mesh.node_sets } else { &mut self.mesh.element_sets }
     }
 
-    /// Returns the index of the node (`of_nodes`), or of the element or outline, with this number; `None` if there is
-    /// none.
+    /// Returns the index of the node with this number if `of_nodes` is true. Otherwise, returns the index of the
+    /// element or outline. `None` if the number is not defined.
     pub(super) fn member(&self, of_nodes: bool, id: u32) -> Option<usize> {
         if of_nodes {
             return self.mesh.place(NodeId(id));

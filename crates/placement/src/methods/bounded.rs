@@ -19,8 +19,9 @@ pub fn bounded(problem: &Problem, target: &Target) -> Vec<f64> {
     least_squares(&problem.square, &target.cross, &target.bounds)
 }
 
-/// Minimises θ'Aθ − 2·θ'b with each θ within its bounds. The active-set method frees or fixes one variable at a time,
-/// as in the bounded-variable algorithm of Stark and Parker (Computational Statistics 10, 1995).
+/// Minimises θ'Aθ − 2·θ'b with each θ within its bounds. `square` is the matrix A, and `cross` the vector b. The
+/// active-set method frees or fixes one variable at a time, as in the bounded-variable algorithm of Stark and Parker
+/// (Computational Statistics 10, 1995).
 pub(crate) fn least_squares(square: &DMatrix<f64>, cross: &DVector<f64>, bounds: &[(f64, f64)]) -> Vec<f64> {
     let width = bounds.len();
     let mut theta: DVector<f64> = DVector::from_iterator(width, bounds.iter().map(|(low, _)| *low));
@@ -66,7 +67,7 @@ fn settle(
             held[freed] = BoundState::Low;
             return false;
         };
-        // Greatest part of the step before a variable leaves its bounds.
+        // Largest fraction of the step for which all variables stay within their bounds.
         let mut step = 1.0;
         let mut first = None;
         for (place, wanted) in free.iter().zip(wanted.iter()) {

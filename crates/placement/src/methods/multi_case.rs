@@ -24,12 +24,12 @@ use super::patent::patent;
 use crate::mesh::count;
 use crate::problem::{Problem, Target};
 
-/// Effort of the search.
+/// Effort of the search. A greater effort finds better nodes, but takes longer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Effort {
     /// Number of random starts; the best result is used.
     pub starts: u64,
-    /// Number of tried changes for each start.
+    /// Number of tried changes of a single node, for each start.
     pub changes: u32,
 }
 
@@ -53,8 +53,8 @@ pub struct Tolerance {
     pub enough: f64,
 }
 
-/// Selects the sensor of each block on the load cases `cases`. Returns for each block the index in its list of
-/// candidates.
+/// Selects a sensor node for each block, so that the error is small in all load cases `cases` (indices). Returns for
+/// each block the index of the node in its list of candidates.
 #[must_use]
 pub fn multi_case(problem: &Problem, cases: &[usize], tolerance: Tolerance, effort: Effort) -> Vec<usize> {
     let alone: Vec<Alone> = cases.par_iter().map(|case| Alone::new(problem, *case, tolerance)).collect();
@@ -109,7 +109,7 @@ struct Search<'a> {
 /// State of the search: the selected nodes, the error of each load case, and its derivatives.
 struct SearchState {
     places: Vec<usize>,
-    /// Squared error of each case, µm².
+    /// For each load case, the sum of the squared errors over the rows of the guideway, µm².
     error: Vec<f64>,
     /// For each block and case, half the derivative of the squared error by the block temperature.
     slope: Vec<Vec<f64>>,

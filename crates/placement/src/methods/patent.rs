@@ -13,7 +13,7 @@ use nalgebra::DVector;
 use super::patterns::{Pattern, patterns};
 use crate::problem::{Problem, Target};
 
-/// One round of the iteration.
+/// One round of the iteration: steps S6 to S10.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct Round {
     /// Name of the selected pattern.

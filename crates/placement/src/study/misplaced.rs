@@ -34,7 +34,7 @@ fn gradient(study: &Study, node: usize, rise: &[f64]) -> Vector3<f64> {
         square += way * way.transpose();
         cross += way * (rise[other] - rise[node]);
     }
-    // Neighbours in one plane do not determine the gradient across it.
+    // If all neighbours are in one plane, the gradient perpendicular to this plane is unknown.
     let least = 1e-6 * square.norm();
     square.pseudo_inverse(least).map(|inverse| inverse * cross).unwrap_or_default()
 }

@@ -24,7 +24,7 @@ pub(super) struct Divisions {
 
 impl Divisions {
     /// Returns the best additional cut, and the error by number of sensors. `own` is the number of requested blocks.
-    /// `rms_um` is the error with one sensor in each of them.
+    /// `rms_um` is the error with one sensor in each requested block.
     pub(super) fn with_own(self, own: usize, rms_um: f64) -> (Option<(String, f64)>, Vec<SensorCount>) {
         let placed =
             self.own_floor_um.map(|floor_um| SensorCount { sensors: own, floor_um, rms_um, cut: None });

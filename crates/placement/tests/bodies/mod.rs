@@ -20,7 +20,7 @@ const WALL: f64 = 40.0;
 const RAILS: [f64; 2] = [-200.0, 200.0];
 const HALF_RAIL: f64 = 45.0;
 
-/// A column and its material.
+/// A machine column as a mesh, and its material.
 #[derive(Debug, Clone)]
 pub(crate) struct Column {
     /// Mesh with the node sets `ALL`, `BASE` (the foot), `GUIDE` (the front of the rails, left rail first, upwards) and
@@ -37,7 +37,7 @@ pub(crate) enum Warming {
     Air,
     /// Spindle on the front, in the upper half.
     Spindle,
-    /// The same spindle for an hour from cold.
+    /// Spindle on the front for one hour, from a cold column: a transient case.
     SpindleHour,
     /// Motor on the top.
     Motor,

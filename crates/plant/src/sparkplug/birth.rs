@@ -65,7 +65,8 @@ impl BirthMetrics {
             let axes = axes(snapshot);
             metrics.extend(axes.iter().map(|axis| null(&measured(axis), DataType::Double, now)));
         }
-        // A host must be able to request a birth before it knows an alias.
+        // The first metric requests a birth. It has no alias, because a host must be able to use it before it knows an
+        // alias.
         for metric in metrics.iter_mut().skip(1) {
             metric.alias = born.promise(metric);
         }
@@ -157,7 +158,7 @@ pub(super) fn has_quality(subject: &Subject) -> bool {
 pub(super) fn named(metric: &interface::Metric, now: Moment) -> Metric {
     let kind = kind_of(&metric.kind);
     let value = metric.value.as_ref().and_then(datum).and_then(|datum| kind.write(&datum));
-    // A value that was never taken has the current time as the time at which it is unknown.
+    // A value that was never known has no time. The metric (null) then has the current time.
     let at = if metric.at == Moment::default() { now } else { metric.at };
     let mut published = null(&format!("{}/{}", metric.subject, metric.name), kind, at);
     match value {

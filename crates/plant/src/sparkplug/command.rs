@@ -106,7 +106,8 @@ fn other(
     }
 }
 
-/// Makes the report of a measured error from a metric. The property `time` is text or ms since 1970; `id` is text.
+/// Makes the report of a measured error from a metric. The optional properties are `time` (text or ms since 1970) and
+/// `id` (text).
 fn report_of(metric: &Metric, error_um: f64) -> Result<MeasuredReport, String> {
     let time = match property(metric, "time") {
         Some(PropertyRaw::Long(milliseconds)) => Some(format!("{milliseconds}e-3")),

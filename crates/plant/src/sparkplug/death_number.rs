@@ -19,8 +19,8 @@ impl DeathNumber {
         DeathNumber { sent, current: 0 }.next()
     }
 
-    /// Returns the state with the number for the next will message. The number changes only after a CONNECT packet with
-    /// it was sent.
+    /// Returns the state with the number for the next will message. The number changes only if a CONNECT packet with
+    /// the current number was sent.
     pub(super) fn next(self) -> DeathNumber {
         DeathNumber { current: self.sent.map_or(0, |sent| sent.wrapping_add(1)), ..self }
     }

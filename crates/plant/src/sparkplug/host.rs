@@ -2,13 +2,13 @@
 //!
 //! ```text
 //! { "online": true, "timestamp": 1800000000000 }     the host is online since this time, ms since 1970
-//! { "online": false, "timestamp": 1800000000000 }    the host is offline; its will has the time of its birth
+//! { "online": false, "timestamp": 1800000000000 }    the host is offline; a will has the time of the host's birth
 //! ```
 //!
-//! A message with an older time than that of the last accepted message is ignored. Each connection begins without such
-//! a time: the retained message of the broker is the newest. Otherwise a host whose clock was once ahead would be
-//! ignored until the gateway is restarted. If an offline host reports itself as online with an older time, the message
-//! is refused with a reason, because the node waits on.
+//! A message with an older time than that of the last accepted message is ignored. At the start of each connection,
+//! this time is forgotten, because the retained message of the broker is the newest. Otherwise a host whose clock was
+//! once ahead would be ignored until the gateway is restarted. If an offline host reports itself as online with an
+//! older time, the message is refused with a reason, because the node keeps waiting.
 
 use serde::Deserialize;
 
@@ -33,7 +33,7 @@ struct State {
 }
 
 impl HostWatch {
-    /// Creates the watch of the host that publishes to this topic.
+    /// Creates the state of the host that publishes to this topic. No message has been received yet.
     pub(super) fn at(topic: String) -> HostWatch {
         HostWatch { topic, last: None }
     }

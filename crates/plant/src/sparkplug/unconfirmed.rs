@@ -14,13 +14,13 @@ const KEPT_FOR: Duration = Duration::from_secs(300);
 /// Maximum size of all unconfirmed records together, in bytes.
 const MOST_BYTES: usize = 1024 * 1024;
 
-/// Records that were published last, oldest first, with the times of publication.
+/// Published records that the broker may not have received, oldest first, each with its time of publication.
 #[derive(Debug, Default)]
 pub(super) struct Unconfirmed {
     published: VecDeque<(Moment, Record)>,
     bytes: usize,
-    /// Records that were removed because the limit of memory was reached: time of publication, and number of records of
-    /// this time. Most of these records have reached the broker.
+    /// Removed records that were too many for the limit of memory: time of publication, and number of records of this
+    /// time. Most of these records have reached the broker.
     removed: VecDeque<(Moment, u64)>,
     dropped: u64,
 }

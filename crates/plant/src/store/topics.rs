@@ -1,4 +1,4 @@
-//! File that stores topic names. A change replaces the whole file.
+//! File that stores the MQTT topics on which the broker may have retained messages. A change replaces the whole file.
 
 use std::collections::BTreeSet;
 use std::fs;
@@ -10,8 +10,8 @@ use super::{CHECKSUM, create};
 /// Maximum size of the file, in bytes. A larger file was not written by isotherm.
 const LARGEST: u64 = 4 << 20;
 
-/// Topic names that are stored for the next run of the gateway. After a kill, the file contains either the old or the
-/// new topics.
+/// Topic names that are stored for the next run of the gateway, which clears the topics that it no longer uses. After a
+/// kill, the file contains either the old or the new topics.
 #[derive(Clone, Debug)]
 pub struct TopicsFile {
     path: PathBuf,
