@@ -57,14 +57,14 @@ pub enum Case {
     },
 }
 
-/// Heat exchange of a face with a fluid.
+/// Heat exchange (convection) between a face of an element and a fluid such as air or coolant.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Film {
     /// Face through which the heat flows.
     pub face: Face,
     /// Temperature of the fluid, °C.
     pub sink: f64,
-    /// Film coefficient, mW/(mm²·K).
+    /// Film coefficient (heat transfer coefficient), mW/(mm²·K).
     pub coefficient: f64,
 }
 
@@ -77,7 +77,7 @@ pub enum Flux {
     Volume(usize, f64),
 }
 
-/// One load case: initial temperatures, loads, and time range.
+/// One load case: initial temperatures, heat flows, prescribed temperatures, and time range.
 #[derive(Debug, Clone, PartialEq)]
 pub struct LoadCase {
     /// Time range of the case: steady, or transient.

@@ -171,7 +171,7 @@ fn blocks(printed: &str, mesh: &Mesh, width: usize) -> Vec<Vec<Vec<f64>>> {
     blocks
 }
 
-/// Directory that is deleted when this value is dropped.
+/// Directory for the files of one CalculiX run. It is deleted when this value is dropped.
 struct ScratchDirectory(PathBuf);
 
 static MADE: AtomicUsize = AtomicUsize::new(0);

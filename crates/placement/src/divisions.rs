@@ -40,7 +40,7 @@ struct Piece {
 pub struct Division {
     /// Additional cut that gives this division; `None` if two parts were joined.
     pub cut: Option<Cut>,
-    /// Parts (blocks) after the change.
+    /// Parts of the mesh after the change; each part is one block.
     pub parts: Vec<Part>,
     /// Lower bound of the residual error with these parts, µm RMS over all guideway nodes and load cases.
     pub floor_um: f64,

@@ -16,7 +16,7 @@ struct Shape<const D: usize> {
 
 /// Integration point of an element, with the shape functions at this point.
 pub(super) struct Point {
-    /// Weight times the determinant of the Jacobian, mm³.
+    /// Volume that the point represents, mm³: weight times the determinant of the Jacobian.
     pub(super) volume: f64,
     /// Values of the shape functions.
     pub(super) value: [f64; 10],

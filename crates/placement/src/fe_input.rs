@@ -52,7 +52,7 @@ pub fn read(path: &Path) -> Result<FeInput, Faults> {
     keywords::read(path, cards, faults)
 }
 
-/// Reads several files in parallel.
+/// Reads several files in parallel. Returns one result for each path, in the same order; see [`read`].
 pub fn read_each(paths: &[PathBuf], progress: Progress<'_>) -> Vec<Result<FeInput, Faults>> {
     each("FE input files", paths, progress, |path| read(path))
 }

@@ -6,7 +6,7 @@ use crate::mesh::{count, range};
 /// The guideway as one line: the mean of its rails.
 #[derive(Clone, Debug, PartialEq)]
 pub struct GuideLine {
-    /// Direction of the guideway: 0 x, 1 y, 2 z.
+    /// Direction in which the guideway extends: 0 x, 1 y, 2 z.
     pub axis: usize,
     /// Number of rails of which the line is the mean.
     pub rails: usize,

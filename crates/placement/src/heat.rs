@@ -13,7 +13,8 @@ use crate::system::{Factor, System};
 /// Reason why a load case has no solution.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum HeatError {
-    /// Steady case in which heat cannot leave a part.
+    /// Part of the mesh without film and without prescribed temperature, in a steady case; contains one node of the
+    /// part.
     #[error(
         "nothing determines the temperature of the part with node {0}. A steady case needs a film or a \
          prescribed temperature on every part of the mesh"
@@ -22,7 +23,7 @@ pub enum HeatError {
     /// A material has no heat capacity, which a transient case needs; contains the name of the material.
     #[error("material {0} has no density or no specific heat: a transient case needs both")]
     NoCapacity(String),
-    /// The conduction matrix is singular.
+    /// The conduction matrix is singular, so the equations have no unique solution.
     #[error("the heat conduction has no solution: a conductivity or a film coefficient is not positive")]
     Singular,
 }
@@ -81,7 +82,7 @@ fn held(mesh: &Mesh, load: &LoadCase) -> Vec<bool> {
 /// and conductance in mW/K.
 type Coupling = Vec<(usize, usize, f64)>;
 
-/// Heat conduction of a body without heat exchange by films, mW/K.
+/// Conductances of a body by heat conduction alone (without films), mW/K.
 #[derive(Clone)]
 struct Conducts {
     system: System<1>,
@@ -110,7 +111,7 @@ impl Conducts {
 pub(super) struct Heat {
     /// Conductances between the free nodes, from conduction and films, mW/K.
     pub(super) conduction: System<1>,
-    /// Heat capacity, mJ/K; `None` in a steady case.
+    /// Heat capacity matrix, mJ/K; `None` in a steady case.
     pub(super) capacity: Option<System<1>>,
     to_held: Coupling,
     /// Heat flow into each free node, mW.

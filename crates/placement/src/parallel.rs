@@ -1,4 +1,4 @@
-//! Parallel work with progress reports.
+//! Helper functions for parallel calculations that report their progress.
 
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::mpsc;

@@ -59,7 +59,7 @@ pub enum ReducedError {
 /// Modes of a structure, normalized by the heat capacity. The unit of an amplitude is therefore √(J·K).
 #[derive(Debug, Clone, PartialEq)]
 pub struct Modes {
-    /// Decay rate of each mode, 1/s, ascending.
+    /// Decay rate of each mode, 1/s, ascending. The reciprocal is its time constant.
     pub rates: Vec<f64>,
     /// Amplitude of each mode if the whole structure is 1 K warmer.
     pub uniform: Vec<f64>,

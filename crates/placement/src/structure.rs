@@ -1,6 +1,6 @@
 //! Linear thermo-elasticity: deformation of a supported body as its nodes become warmer. The guideway is the set of
-//! nodes along which a machine axis moves. Its sensitivity is the displacement of these nodes per kelvin of each node of
-//! the mesh, mm/K.
+//! nodes along which a machine axis moves. Its sensitivity is the displacement of these nodes per kelvin of each node
+//! of the mesh, mm/K.
 
 use faer::{Mat, MatRef};
 use rayon::prelude::*;

@@ -30,7 +30,7 @@ mod sensor_counts;
 use on_one_case::OnOneCase;
 use sensor_counts::{other_divisions, other_divisions_at_most};
 
-/// Criteria of the placement.
+/// Criteria by which the sensors are placed and evaluated.
 #[derive(Clone, Debug)]
 pub struct Criteria {
     /// Directions in which errors are evaluated together: 0 x, 1 y, 2 z.
@@ -74,7 +74,7 @@ impl Study {
     }
 }
 
-/// Sensor with its place on the structure.
+/// Sensor with its node and position on the structure.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Sensor {
     /// Number of the sensor's node in the FE input file.
@@ -100,7 +100,7 @@ pub struct Residual {
     pub max_um: f64,
 }
 
-/// Result of a method on one case.
+/// Result of one method on one load case: selected sensors and residual error.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct MethodResult {
     /// Error with the selected sensors: root mean square along the guideway, µm.
@@ -120,7 +120,7 @@ pub struct MethodResult {
     pub rounds: Vec<Round>,
 }
 
-/// Results for one load case.
+/// Results for one load case: displacement, and residual errors of all methods.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct CaseResult {
     /// Name of the load case.
@@ -179,7 +179,7 @@ pub struct SensorCount {
     pub cut: Option<String>,
 }
 
-/// Places of the sensors, and residual errors.
+/// Result of the study: places of the sensors, and residual errors.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Placement {
     /// Matrix P, mm/K: displacement of the guideway if a block is 1 K warmer. Three rows (x, y,
@@ -208,7 +208,7 @@ pub struct Placement {
     pub cases: Vec<CaseResult>,
     /// Placements for a single load case and for all cases, each with its error on every case.
     pub cross_case: Vec<CrossCase>,
-    /// Noise of the sensors, K.
+    /// Assumed noise of each sensor, K.
     pub noise_k: f64,
     /// Effect of the sensor noise on the predicted displacement of the guideway, µm RMS.
     pub noise_um: f64,
@@ -372,7 +372,8 @@ fn evaluate(p: &[Vec<f64>], theta: &[f64]) -> Vec<f64> {
     p.iter().map(|row| row.iter().zip(theta).map(|(each, theta)| each * theta).sum()).collect()
 }
 
-/// Returns the root mean square of several root mean squares.
+/// Combines root mean squares of equally many values, such as one error for each case, to the root mean square of all
+/// values.
 pub(super) fn root_mean_square(each: &[f64]) -> f64 {
     (each.iter().map(|rms| rms.powi(2)).sum::<f64>() / count(each.len().max(1))).sqrt()
 }

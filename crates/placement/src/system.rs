@@ -103,7 +103,7 @@ impl<const WIDTH: usize> System<WIDTH> {
         Self { pattern: Arc::clone(&self.pattern), values: sum }
     }
 
-    /// Factors the matrix; `None` if it is not positive definite.
+    /// Calculates the Cholesky factor of the matrix; `None` if the matrix is not positive definite.
     pub(super) fn factor(&self) -> Option<Factor<WIDTH>> {
         let Pattern { size, start, rows, symbolic, .. } = &*self.pattern;
         let symbolic = symbolic.as_ref()?;
@@ -188,7 +188,7 @@ impl<const WIDTH: usize> Factor<WIDTH> {
         self.symbolic.nrows()
     }
 
-    /// Returns the number of values in the Cholesky factor.
+    /// Returns the number of values in the Cholesky factor, a measure of its memory.
     pub(super) fn stored(&self) -> usize {
         self.values.len()
     }

@@ -106,7 +106,7 @@ pub struct Sparkplug {
     /// stamp and content is a duplicate delivery.
     last_asked: Option<(u64, Command)>,
     left_out: LostValues,
-    /// Number of lost values at the last call of [`Publisher::left_out`].
+    /// Total number of lost values at the last call of [`Publisher::left_out`], to calculate the increase since then.
     queried: u64,
 }
 

@@ -73,7 +73,7 @@ struct Disk {
     news: VecDeque<DiskNews>,
 }
 
-/// Report that writing to the disk fails, or works again.
+/// Report that writing to the disk fails, or works again. The gateway reads it by [`Store::news`].
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum DiskNews {
     /// Records cannot be written; contains the reason.

@@ -35,7 +35,7 @@ struct Instance {
     cards: Vec<Card>,
 }
 
-/// Cards of the file by their blocks.
+/// Cards of the file, grouped by the blocks to which they belong.
 #[derive(Default)]
 struct Blocks {
     parts: BTreeMap<String, Vec<Card>>,

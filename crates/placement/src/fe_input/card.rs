@@ -127,7 +127,7 @@ pub(super) fn quoted(text: &str) -> String {
 #[derive(Debug)]
 pub(super) struct Card {
     pub(super) at: Location,
-    /// Keyword in capitals, without blanks: `HEATTRANSFER`.
+    /// Keyword in capitals, without asterisk and blanks: `HEATTRANSFER`.
     pub(super) key: String,
     /// Parameters of the card: names in capitals without blanks, and values as written.
     parameters: Vec<(String, Option<String>)>,
@@ -343,7 +343,7 @@ fn keyword(text: &str, file: &Rc<Path>, line: usize) -> Card {
     }
 }
 
-/// Returns the text in capitals, without blanks.
+/// Returns the text in capitals, without blanks, so that keywords can be compared.
 pub(super) fn plain(text: &str) -> String {
     text.split_whitespace().collect::<String>().to_uppercase()
 }

@@ -24,8 +24,8 @@ pub struct FeInput {
 /// Names of the surfaces or sets of the loads, in small letters. The name of a single element is its number.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct SurfaceNames {
-    /// Name for each film of the load case.
+    /// Name of the surface or set of each film, in the order of [`LoadCase::films`].
     pub films: Vec<String>,
-    /// Name for each flux of the load case.
+    /// Name of the surface or set of each flux, in the order of [`LoadCase::fluxes`].
     pub fluxes: Vec<String>,
 }

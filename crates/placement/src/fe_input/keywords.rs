@@ -201,7 +201,7 @@ fn removes_loads(card: &Card) -> bool {
     is_load && card.lines.is_empty() && card.value("OP").is_some_and(|op| op == "NEW")
 }
 
-/// Cards that are known and rejected, with a remedy.
+/// Keywords of cards that are known but rejected, each with the reason and a remedy.
 const REFUSED: [(&str, &str); 12] = [
     (
         "RADIATE",

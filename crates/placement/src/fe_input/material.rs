@@ -7,7 +7,7 @@ use super::card::{Card, Line, Location};
 use super::reader::Reader;
 use crate::body::{Case, Material, Materials};
 
-/// Material with the properties that were read so far.
+/// Material that is being read, with the properties of the cards so far.
 pub(super) struct Draft {
     name: String,
     at: Location,

@@ -34,7 +34,7 @@ pub struct Effort {
 }
 
 impl Effort {
-    /// Effort for the placement of the sensors.
+    /// Effort for the search that places the sensors.
     pub const FULL: Effort = Effort { starts: 4, changes: 1_000_000 };
     /// Effort for comparisons, for example without one case or with another number of blocks.
     pub const SHORT: Effort = Effort { starts: 2, changes: 150_000 };
@@ -47,7 +47,7 @@ const LEFT_OF_NOISE: f64 = 0.3;
 /// Limits below which errors are negligible. A method ends when it reaches its limit.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Tolerance {
-    /// Noise of a sensor, K.
+    /// Noise of the temperature of a single sensor, K.
     pub noise: f64,
     /// Residual at which the patent's iteration ends, µm RMS.
     pub enough: f64,

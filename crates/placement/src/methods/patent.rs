@@ -16,7 +16,7 @@ use crate::problem::{Problem, Target};
 /// One round of the iteration: steps S6 to S10.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct Round {
-    /// Name of the selected pattern.
+    /// Name of the tendency pattern that was selected in step S8.
     pub pattern: String,
     /// Similarity of the displacement of the pattern to the residual: absolute cosine of the angle between them.
     pub likeness: f64,
@@ -31,11 +31,11 @@ pub struct Round {
 pub struct Iterated {
     /// Block temperatures θg that the iteration has reached (rises, K).
     pub theta: Vec<f64>,
-    /// Rounds of the iteration.
+    /// Rounds of the iteration, in their order.
     pub rounds: Vec<Round>,
 }
 
-/// Maximum number of rounds.
+/// Maximum number of rounds, after which the iteration ends in any case.
 pub const MOST_ROUNDS: usize = 120;
 /// Minimum relative decrease of the residual error in a round. With a smaller decrease, the iteration ends.
 const LEAST: f64 = 1e-4;

@@ -1,4 +1,4 @@
-//! Messages to and from a broker.
+//! Messages to and from an MQTT broker, independent of the message format.
 
 use isotherm_core::compensation::MeasuredReport;
 
@@ -38,7 +38,7 @@ pub struct Subscription {
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Record(pub Vec<u8>);
 
-/// Effect of a received message.
+/// Effect of a message that was received from the broker: replies to publish, and a command for the gateway.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Reaction {
     /// Messages to publish immediately.

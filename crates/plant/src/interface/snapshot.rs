@@ -110,7 +110,7 @@ pub struct PlantEvent {
     pub kind: String,
     /// Importance of the event.
     pub importance: Importance,
-    /// Text for people.
+    /// Description of the event for people, as text.
     pub text: String,
     /// Details of the event as JSON; empty if the event has none.
     pub data: String,

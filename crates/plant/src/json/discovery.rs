@@ -1,4 +1,5 @@
-//! Discovery messages for Home Assistant.
+//! Discovery messages for Home Assistant: they describe the metrics, so that Home Assistant displays them without
+//! configuration.
 
 use serde_json::{Value as Document, json};
 

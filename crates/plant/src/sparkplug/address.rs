@@ -1,4 +1,4 @@
-//! MQTT topics of an edge node.
+//! MQTT topics of an edge node: `spBv1.0/GROUP/VERB/NODE`.
 
 /// First level of every topic of Sparkplug B.
 const NAMESPACE: &str = "spBv1.0";

@@ -8,13 +8,13 @@ use super::datum::{DataType, Datum};
 use super::payload::{Metric, Property, PropertySet};
 use crate::interface::{self, Snapshot, Subject, Value};
 
-/// Metric by which hosts request a birth.
+/// Name of the metric by which hosts request a birth message.
 pub(super) const REBIRTH: &str = "Node Control/Rebirth";
 
-/// Metric with the death number, which is the same in a birth and in its death message.
+/// Name of the metric with the death number, which is the same in a birth and in its death message.
 pub(super) const BD_SEQ: &str = "bdSeq";
 
-/// Metric that publishes events.
+/// Name of the metric that publishes events.
 pub(super) const EVENT: &str = "gateway/event";
 
 /// Last part of the name of the metric by which hosts send the measured error of an axis: `axis/z/measured_error_um`.

@@ -16,7 +16,7 @@ const HEEDED_FOR: Duration = Duration::from_secs(60);
 /// Maximum length of a metric name in a refusal, in characters. The rest of a longer name is cut.
 const MOST_LETTERS: usize = 64;
 
-/// Content of a received command message.
+/// Content of a received command message, after evaluation.
 #[derive(Debug, Default, PartialEq)]
 pub(super) struct CommandResult {
     pub(super) asks_for_birth: bool,

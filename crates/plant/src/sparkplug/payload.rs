@@ -85,7 +85,7 @@ pub struct PropertySet {
     pub values: Vec<Property>,
 }
 
-/// Value of a property.
+/// Value of a property, with its data type.
 #[derive(Clone, PartialEq, Message)]
 pub struct Property {
     /// Number of a [`DataType`](super::DataType).

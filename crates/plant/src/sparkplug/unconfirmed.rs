@@ -1,4 +1,4 @@
-//! Published records whose delivery is not confirmed.
+//! Published records whose delivery is not confirmed. After a lost connection, they are stored and published again.
 
 use std::collections::VecDeque;
 use std::time::Duration;

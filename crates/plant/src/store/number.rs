@@ -1,4 +1,4 @@
-//! File that stores one number. A change replaces the whole file.
+//! File that stores one number, such as the death number of a Sparkplug node. A change replaces the whole file.
 
 use std::fs;
 use std::io::{self, Write};
