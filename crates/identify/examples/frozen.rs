@@ -183,7 +183,7 @@ struct Seen {
 }
 
 /// Runs the gateway's compensation step over the rows of a run. `names` contains the names of the sensors, and
-/// `columns` the indices of their log columns.
+/// `columns` the indices of their log columns. `error` is the measured error in each row, µm.
 fn seen(profile: &Profile, run: &Run, (names, columns): (&[String], &[usize]), error: &[f64]) -> Seen {
     let place = |name: &String| names.iter().position(|known| known == name);
     let sensors: Vec<Option<usize>> = profile.signals.iter().map(|signal| place(&signal.name)).collect();

@@ -63,7 +63,7 @@ const MODELS: [&str; 5] = [
     "judged candidate",
     "full sensor every day",
 ];
-/// Index in [`MODELS`] of the unchanged model of the commissioning. The next constant is the index of the tested
+/// Index in [`MODELS`] of the unchanged model of the commissioning. `JUDGED` below is the index of the tested
 /// candidate.
 const STAYS: usize = 1;
 const JUDGED: usize = 3;

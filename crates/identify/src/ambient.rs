@@ -20,8 +20,9 @@ const AFTER_START: usize = 20;
 const STARTS: usize = 3;
 /// Time constants that are tried for the lag between the load and the temperature of a part that it warms, min.
 const LAGS_MIN: [f64; 4] = [6.0, 25.0, 75.0, 200.0];
-/// Maximum variance of an air sensor that the load explains, as a ratio to the variance that time explains. The limit
-/// is not zero: with few runs, every slow signal also correlates a little with a slow lag of the load.
+/// Maximum ratio of two parts of the variance of an air sensor: the part that the load explains, divided by the part
+/// that time explains. The limit is not zero: with few runs, every slow signal also correlates a little with a slow lag
+/// of the load.
 const UNRELATED: f64 = 0.5;
 /// Maximum rise of an air sensor after a start of the load, as a ratio to the largest rise of any sensor.
 const COLD_AT_STARTS: f64 = 0.15;
@@ -33,7 +34,8 @@ const NO_AIR: f64 = 1.0;
 /// Minimum range (maximum minus minimum) of the readings of a sensor, °C. A sensor that changes less is not reported.
 const MOVES: f64 = 0.2;
 
-/// Values of one run, one value for each minute. A minute without a value repeats the value of the previous minute.
+/// Load, measured error and temperatures of one run, with one value for each minute. A minute without a value repeats
+/// the value of the previous minute.
 struct Courses {
     load: Vec<f64>,
     error: Vec<f64>,
@@ -58,8 +60,9 @@ struct Figures {
     range: f64,
 }
 
-/// Returns the index of the log column of the temperature whose name means ambient air. If no column has such a name,
-/// returns the first column in `like`.
+/// Returns the index of the log column of the temperature whose name means ambient air. If no temperature has such a
+/// name, returns the first temperature that is in `like`, the list of sensors that behave like the air. `None` if no
+/// temperature is in this list.
 pub(crate) fn ambient_column(dataset: &Dataset, like: &[Finding]) -> Option<usize> {
     let name = |place: usize| dataset.columns[place].name.as_str();
     let is_named = |place: &usize| is_named_for_the_air(name(*place));

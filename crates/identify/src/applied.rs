@@ -54,7 +54,8 @@ fn axis_of(error: &str) -> Option<&str> {
     ["_error_um", "_measured_um"].iter().find_map(|end| error.strip_suffix(end))
 }
 
-/// Returns the index of the log column that the operator named as the source of the active Cz.
+/// Returns the index of the log column that the operator named as the source of the active Cz. Returns an error if no
+/// log has a column of numbers with this name.
 pub(crate) fn named(dataset: &Dataset, name: &str) -> Result<usize, BadLog> {
     let missing = || {
         BadLog(vec![format!(

@@ -69,8 +69,8 @@ pub(crate) struct Bank {
 #[derive(Clone, Debug)]
 pub(crate) struct Traced {
     pub(crate) name: String,
-    /// For each row, the number of its averaging window in the run. With other candidate terms, other windows may be
-    /// missing, because a term has no value.
+    /// Number of the averaging window of each row, counted from the first row of the run. Windows in which a candidate
+    /// term has no value have no row.
     pub(crate) windows: Vec<u128>,
     /// Time of each row, in seconds since the first row of the run.
     pub(crate) seconds: Vec<f64>,
@@ -174,8 +174,8 @@ impl Bank {
         self.runs.iter().flat_map(Traced::error).collect()
     }
 
-    /// Checks that every run has at least one row. `every` and `one` are words for the inputs in the message, for all
-    /// of them and for a single one.
+    /// Checks that every run has at least one row. The message calls the inputs `every` (for example "every sensor"),
+    /// and a single input `one` (for example "the sensor").
     ///
     /// # Errors
     /// Returns a message that names the run without rows.

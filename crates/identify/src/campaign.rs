@@ -1,5 +1,6 @@
 //! Logged runs as the gateway would read them: through the signals of a profile, with one measured error. The target of
-//! a model is the Cz (compensation value) that would leave no error.
+//! a model is the Cz (compensation value) that would leave no error. A rise is the value of an input minus its
+//! reference.
 
 use std::borrow::Cow;
 use std::cmp::Ordering;
@@ -126,7 +127,8 @@ impl<'a> Campaign<'a> {
         (0..self.inputs.len()).filter(|input| !self.inputs[*input].is_speed()).collect()
     }
 
-    /// Replaces the logged runs by those with repaired sensor faults, if there are any repairs.
+    /// Replaces the logged runs by the runs with repaired sensor faults. If `mending` is `None`, nothing was repaired,
+    /// and the campaign does not change.
     #[must_use]
     pub(super) fn with_mending(self, mending: Option<Mending<'a>>) -> Campaign<'a> {
         match &mending {
@@ -297,8 +299,8 @@ impl Target {
     const UNKNOWN: Target = Target { cz: f64::NAN, since: None };
 }
 
-/// Returns an axis without models, whose Cz is always zero. Its compensation period is so short that it is due at every
-/// log row. The gateway captures references only when an axis is due.
+/// Returns an axis without models, whose Cz is always zero. The gateway captures references only when the compensation
+/// period of an axis has passed. Therefore this period is shorter than the time between two log rows.
 fn onlooker() -> AxisSettings {
     AxisSettings {
         name: "onlooker".to_owned(),

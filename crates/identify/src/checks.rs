@@ -26,7 +26,8 @@ pub(super) fn check_runs(dataset: &Dataset, wrong: &mut Vec<String>) {
     wrong.extend(dataset.runs.iter().filter_map(odd_length));
 }
 
-/// For each of these columns that contains too many implausible values (not measured by the sensor), adds a message.
+/// Adds a message to `wrong` for each of these columns that contains too many implausible values (not measured by the
+/// sensor).
 pub(super) fn check_plausible(
     dataset: &Dataset,
     columns: impl Iterator<Item = usize>,
@@ -88,7 +89,7 @@ pub(super) fn fahrenheit(dataset: &Dataset, temperatures: &[usize]) -> Option<St
     })
 }
 
-/// Returns the message about a displacement column in mm.
+/// Returns the message that a displacement column is in mm, although the error is needed in µm.
 pub(super) fn in_mm(name: &str) -> String {
     format!(
         "{name} is in mm according to its name or unit, but the error is needed in µm. Write the values in \
@@ -143,8 +144,8 @@ pub(super) fn unused_position(dataset: &Dataset, error: usize) -> Option<String>
     })
 }
 
-/// Returns the reason why the log column of this name was not used, with a colon before it, for the end of a sentence.
-/// The result is empty if no log has that column.
+/// Returns the reason why the log column of this name was not used. The text begins with a colon and is appended to a
+/// sentence. The text is empty if no log has that column.
 pub(super) fn why_lost(dataset: &Dataset, name: &str) -> String {
     let lost = dataset.lost.iter().find(|lost| lost.column == name);
     lost.map(|lost| format!(": {}", lost.message)).unwrap_or_default()

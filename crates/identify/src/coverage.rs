@@ -1,5 +1,5 @@
 //! Finds held-out runs whose values go far beyond the values of all other runs. A model that was identified from the
-//! other runs does not predict such a run well.
+//! other runs does not predict such a run well. The rise of a sensor is its reading minus its reference value.
 
 use crate::bank::Bank;
 use crate::campaign::Campaign;

@@ -45,7 +45,7 @@ impl Test {
     }
 }
 
-/// Drift of one run.
+/// Drift of one run: the changes of its displacements and temperatures, and the movements that warmed the machine.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Drift {
     /// Name of the run.
@@ -81,11 +81,12 @@ pub struct Displacement {
     pub last_hour_um: Option<f64>,
     /// Largest range of the displacement within any 60 min of the run, µm; `None` if the run is shorter than an hour.
     pub largest_60min_um: Option<f64>,
-    /// Begin of the 60 min with the largest range, h since the first row; `None` if the run is shorter than an hour.
+    /// Start of the 60 min with the largest range, h since the first row; `None` if the run is shorter than an hour.
     pub largest_60min_from_h: Option<f64>,
     /// Change of the displacement from the first minutes of the run to its last minutes, µm.
     pub drift_um: f64,
-    /// Change of the displacement from begin to end of the run per hour, µm/h.
+    /// Mean drift rate: change of the displacement from the start to the end of the run, divided by the time between
+    /// them, µm/h.
     pub drift_um_per_h: f64,
     /// Change of the displacement in each stage, µm; `None` if the displacement was not measured in the stage.
     pub stages_um: Vec<Option<f64>>,

@@ -84,7 +84,7 @@ pub struct Repaired {
     pub run: String,
     /// Description of the fault, with its time.
     pub fault: String,
-    /// Description of the repair.
+    /// Description of the repair for the operator.
     pub done: String,
 }
 

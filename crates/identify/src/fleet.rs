@@ -41,7 +41,7 @@ const VERSION: u64 = 1;
 #[serde(deny_unknown_fields)]
 pub struct RunProducts {
     axis: String,
-    /// Averaging time of the references, s.
+    /// Averaging time of the references, s. A reference is a value that is subtracted from a signal.
     settle_s: f64,
     /// Time over which log rows were averaged, s.
     resample_s: f64,
@@ -328,7 +328,8 @@ impl RunProducts {
         names.join(", ")
     }
 
-    /// Returns the products of all runs.
+    /// Returns the Gram products of all runs: of their plain rows, and of their whitened rows (without slow random
+    /// drift).
     fn products(&self) -> Products {
         let grams = |of: fn(&Run) -> &Sums| self.runs.iter().map(|run| of(run).gram()).collect();
         Products::kept(grams(|run| &run.plain), grams(|run| &run.white))

@@ -29,8 +29,7 @@ pub(super) struct Inner {
 }
 
 impl Inner {
-    /// Adds up the products of the runs `runs`, and creates the folds. In the field `all`, the products of each run are
-    /// contained once.
+    /// Adds up the Gram products of the runs `runs`, and creates the folds. The field `all` is the sum over these runs.
     pub(super) fn of(grams: &[Gram], runs: &[usize]) -> Inner {
         if runs.len() < 2 {
             return Inner { all: Gram::sum(grams, runs), folds: Vec::new() };

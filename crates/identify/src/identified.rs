@@ -1,5 +1,6 @@
 //! Result of an identification: a model of Cz (the compensation value of an axis), with its validation on held-out
-//! runs.
+//! runs. A held-out run is not used to identify the model that is tested on it. A rise is the value of an input minus
+//! its reference.
 
 use serde::Serialize;
 
@@ -54,7 +55,7 @@ pub struct Identified {
     /// Description of the network; `None` if the model is not a network.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub network: Option<String>,
-    /// Held-out result of each run.
+    /// Result of each run with a model that was identified from the other runs.
     pub runs: Vec<RunScore>,
     /// Means of the held-out results over all runs.
     #[serde(flatten)]
@@ -79,8 +80,8 @@ pub struct Identified {
     /// Random drift of the residual error, µm²/h. It is the setting `q` for a probe of the axis in the profile. `None`
     /// if it is not known.
     pub probe_q: Option<f64>,
-    /// Names of the runs whose error was larger with the model than without compensation, in the test with this run
-    /// held out.
+    /// Names of the runs whose error was larger with the model than without compensation. Each run was tested with a
+    /// model from the other runs.
     pub worse_runs: Vec<String>,
     /// Held-out result for each number of sensors, beginning with zero sensors. Empty if it was not requested.
     pub by_sensors: Vec<Counted>,
@@ -103,7 +104,7 @@ pub struct Identified {
     /// Position signal of the slope, and the position at which the slope adds nothing to Cz, mm. `None` if the model
     /// has no slope.
     pub position: Option<(String, f64)>,
-    /// Averaging time of the references, s.
+    /// Averaging time of the references, s. A reference is a value that is subtracted from a signal.
     pub settle_s: f64,
 }
 

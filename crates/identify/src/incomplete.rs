@@ -6,11 +6,11 @@ use crate::dataset::Dataset;
 use crate::faults::{MISSING, missing};
 use isotherm_profile::counted;
 
-/// Maximum number of groups of runs for which it is tried to leave out each group alone. If there are more groups, it
-/// is only tried to leave out all of them together.
+/// Maximum number of groups of runs for which each group is left out alone as a test. With more groups, only all groups
+/// together are left out as a test.
 const MOST_GROUPS: usize = 6;
-/// The runs are left out if the error without the runs, divided by the error without the columns, is below this ratio.
-/// A smaller difference is not significant; in that case, all runs are kept.
+/// Limit of the ratio of two errors: the error without the runs, divided by the error without the columns. Below this
+/// limit, the runs are left out. A smaller difference is not significant; in that case, all runs are kept.
 const CLEARLY: f64 = 0.98;
 /// Maximum number of runs that a remark lists.
 const NAMED: usize = 5;

@@ -48,7 +48,8 @@ pub use judged::{ModelRows, rows};
 pub const FORGETTING: f64 = 0.9;
 /// Maximum number of stored runs. The weight of an older run would be smaller than the rounding error.
 pub const MOST_RUNS: usize = 400;
-/// Minimum time after the last row of a run, for the run to count as complete. Until then, later logs may continue it.
+/// Minimum time after the last row of a run until the run counts as complete. Before that time, later logs may continue
+/// the run.
 const OVER: Duration = Duration::from_hours(1);
 /// Time over which log rows are averaged.
 const RESAMPLE: Duration = Duration::from_mins(1);
@@ -78,7 +79,8 @@ pub struct TakenRun {
     pub run: String,
     /// Number of accepted touches; `None` if the error was measured row by row.
     pub touches: Option<usize>,
-    /// Number of touches that were left out because they disagree with the model and with the next touch.
+    /// Number of rejected touches. A rejected touch disagrees with the model, and the next touch does not confirm it. A
+    /// touch that deviates by more than `max_error` of the probe is always rejected.
     pub doubted: usize,
     /// Comparison of the two models on this run; `None` if the run was not compared.
     pub judged: Option<JudgedRun>,
@@ -143,7 +145,8 @@ impl Learning {
         (Learning { axis: axis.to_owned(), runs, record }, wrong)
     }
 
-    /// Returns the name of the file with the learning record of an axis.
+    /// Returns the name of the file with the learning record of an axis. The record contains the results of the
+    /// compared days.
     pub fn record_name(axis: &str) -> String {
         format!("{axis}.learning.json")
     }
@@ -171,8 +174,8 @@ impl Learning {
     }
 
     /// Sets the model in use, with which candidates are compared. If the model has changed, the results of all compared
-    /// days are discarded. If it is the candidate that was offered last, that candidate has been adopted, and the
-    /// results are kept.
+    /// days are discarded. If the new model is the candidate that was offered last, that candidate has been adopted,
+    /// and the results are kept.
     pub fn compare_with(&mut self, in_use: Option<&InUse>) {
         let fingerprint = in_use.map(InUse::fingerprint).unwrap_or_default();
         if self.record.in_use != fingerprint {
@@ -206,8 +209,7 @@ impl Learning {
         }
     }
 
-    /// Returns the name of a candidate, which consists of the day of the last run and the begin of the hash of its
-    /// terms.
+    /// Returns the name of a candidate: the day of the last run, and the first four digits of the hash of its terms.
     fn name_of(&self, model: &FleetModel) -> String {
         let newest = self.runs.last().map(|run| run.name.as_str()).unwrap_or_default();
         let (_, begins) = newest.split_once('@').unwrap_or_default();
@@ -223,8 +225,8 @@ impl Learning {
     }
 
     /// Processes each new complete run of these logs in the order of time: first compares the models on the run, then
-    /// learns from it. `now` is the present time. If it is `None`, later logs follow, so the last run of these logs may
-    /// be incomplete.
+    /// learns from it. `now` is the present time. If `now` is `None`, later logs follow, so the last run of these logs
+    /// may be incomplete.
     ///
     /// # Errors
     /// The touches of the logs cannot be read.
@@ -379,7 +381,8 @@ impl Learning {
         self.runs.iter().take(most).map(|run| run.name.clone()).collect()
     }
 
-    /// Returns the content of the file with the learning record.
+    /// Returns the content of the file with the learning record: the results of the compared days, as JSON with a
+    /// checksum.
     ///
     /// # Errors
     /// Returns a message if a number cannot be written as JSON.

@@ -1,4 +1,5 @@
-//! One log column of a run as means of each minute. Therefore the noise of a probe does not count as drift.
+//! Means of one log column over each minute of a run. They contain less noise of a probe, so that the noise does not
+//! count as drift.
 
 use std::ops::Range;
 
@@ -9,7 +10,7 @@ const HOUR: f64 = 3600.0;
 /// Tolerance for the duration of an hour, s. In a log of an hour with one row per minute, the last row is one minute
 /// before the end of the hour.
 const NEARLY: f64 = 90.0;
-/// Time at the begin and at the end of a run over which the values are averaged, s.
+/// Time at the start and at the end of a run over which the values are averaged, s.
 const EDGE: f64 = 180.0;
 
 /// Mean value of a column in each minute that contains a value. Each mean has the mean time of its values, in seconds
@@ -73,7 +74,7 @@ impl Minutes {
         Some((self.range_within(first, first + HOUR), self.range_within(last - HOUR, last)))
     }
 
-    /// Returns the begin of the hour with the largest range of the values, in seconds, and that range. If several hours
+    /// Returns the start of the hour with the largest range of the values, in seconds, and that range. If several hours
     /// have the same range, returns the first of these hours. `None` if the run is shorter than an hour.
     pub(crate) fn largest_hour(&self) -> Option<(f64, f64)> {
         self.hours()?;

@@ -1,7 +1,7 @@
 //! Effect of leaving a sensor out: the residual errors of a model with the sensor and of a model without it. Both
 //! models are identified by the method `whitened`, and are tested on the same rows of held-out runs.
 //!
-//! This method is used even if the operator chose another one. Masked rows are not used.
+//! The method `whitened` is used here even if the operator chose another method. Masked rows are not used.
 
 use std::iter::once;
 

@@ -7,7 +7,8 @@
 //!                             └─ point_counts   held-out error by the number of points
 //! ```
 //! Correlation, groups and their thresholds 0.9 and 0.7 follow Tachiya et al. 2013, grey relation follows Deng 1982.
-//! The recommendation depends on held-out runs only.
+//! The recommendation depends on held-out runs only. A held-out run is not used to identify the model that is tested on
+//! it. The rise of a point is its temperature minus its reference value.
 
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -46,9 +47,9 @@ pub struct Selected {
     pub groups: Vec<Grouped>,
     /// Result of the stepwise selection by partial F tests.
     pub stepwise: Steps,
-    /// Held-out result for each number of points, beginning with zero points.
+    /// Result on the held-out runs for each number of points, beginning with zero points.
     pub by_count: Vec<Counted>,
-    /// Held-out result with all points.
+    /// Result of the model with all points on the held-out runs.
     pub all_points: Counted,
     /// Recommended points: the smallest number of points whose result is at most 1.1 times the best result in
     /// `by_count`. This result is the geometric mean of the mean range and the mean root mean square.

@@ -1,5 +1,5 @@
 //! Selection of sensors by forward search. Each step adds the sensor whose rises give the smallest residual on held-out
-//! runs.
+//! runs. A rise is a reading minus its reference value.
 
 use std::time::Duration;
 

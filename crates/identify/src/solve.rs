@@ -72,7 +72,7 @@ pub(super) fn penalized(square: &DMatrix<f64>, cross: &DVector<f64>, penalty: f6
     }
 }
 
-/// Solves the equations by Cholesky factorization; `None` if the matrix is not positive definite.
+/// Solves (X'X + penalty)·w = X'y by Cholesky factorization; `None` if the matrix is not positive definite.
 fn positive(square: &DMatrix<f64>, cross: &DVector<f64>, penalty: f64) -> Option<DVector<f64>> {
     let size = square.nrows();
     let mut factors = square.clone();

@@ -1,4 +1,5 @@
-//! Virtual sensors (stand-ins): predictions of the reading of a frozen or lost sensor from the other sensors.
+//! Virtual sensors (stand-ins): predictions of the reading of a frozen or lost sensor from the other sensors. The rise
+//! of a sensor is its reading minus its reference value.
 //!
 //! The rise of each sensor is predicted from the other sensors through the usual lags, by ridge regression on whitened
 //! rows. x̂(t) is the predicted reading at the time t. A sensor is suspected to be frozen if its reading has been

@@ -156,8 +156,8 @@ impl HeldOut {
         self.score.touches.is_some()
     }
 
-    /// Returns the residual error in each log row: e + Cz. `probe` is the interval of a simulated probe, s. If there is
-    /// one, the residual at the last probing is subtracted.
+    /// Returns the residual error in each log row: e + Cz. `probe` is the interval of a simulated probe, s; `None` for
+    /// no probe. With a probe, the residual at the last probing is subtracted.
     pub fn residual(&self, probe: Option<f64>) -> Vec<f64> {
         residual(&self.seconds, &self.error, &self.cz, probe)
     }
@@ -196,9 +196,10 @@ pub(super) fn hold_out_each<T: Send>(
     each.collect()
 }
 
-/// Identifies a model for each run from all the others, and tests it on that run. If `probe` is set, a simulated probe
-/// measures and removes the residual at this interval, in s. If the repair of a faulty sensor used data of the held-out
-/// run, the learner is prepared again without these data. `settings` contains the settings of the learner.
+/// For each run, identifies a model from all other runs, and tests the model on this run. If `probe` is set, a
+/// simulated probe measures and removes the residual at this interval, in s. If the repair of a faulty sensor used data
+/// of the held-out run, the learner is prepared again without these data. `settings` contains the settings of the
+/// learner.
 ///
 /// Returns for each list of inputs in `without` the results of all runs with models without these inputs. If the method
 /// requires one of these inputs, the result for this list is an error message.

@@ -25,7 +25,7 @@ pub struct Written {
     pub files: Vec<(String, String)>,
 }
 
-/// Returns a model as TOML text with its files. `stem` is the begin of the file names. The files are called
+/// Returns a model as TOML text with its files. Each file name begins with `stem`. The files are called
 /// `<stem>.envelope.json`, `<stem>.halves.json`, `<stem>.stand-ins.json` and `<stem>.network.json`.
 pub fn written(found: &Identified, stem: &str, outside: Outside) -> Written {
     let (position, mut files) = (found.position.as_ref(), Vec::new());
@@ -88,8 +88,8 @@ pub fn written(found: &Identified, stem: &str, outside: Outside) -> Written {
     Written { block, files }
 }
 
-/// Returns the additional keys of the model, but not of its fallback models. They name its two halves (if it is a mean
-/// of two models), its expected error, and its stand-ins.
+/// Returns the additional TOML keys of the model: the file of its halves, its expected error, and its stand-ins. The
+/// halves are the two models of which the model is the mean. Fallback models do not have these keys.
 fn beside(found: &Identified, stem: &str, files: &mut Vec<(String, String)>) -> String {
     let mut keys = String::new();
     let mut file = |key: &str, word: &str, content: Value| {
@@ -141,8 +141,8 @@ pub(crate) fn identified_with(settle_s: f64) -> String {
     format!("identified_with = {{ settle = \"{}\" }}", settle(settle_s))
 }
 
-/// Returns a message that `isotherm zero` does not fit this model: rises that are counted from machine start do not
-/// change with a zero command.
+/// Returns a message that `isotherm zero` does not fit this model. A rise (input minus its reference) that is counted
+/// from machine start does not change with a zero command.
 pub(crate) fn zero_needs(axis: &str) -> String {
     format!(
         "The rises of this model are counted from machine start. If you use `isotherm zero`, write datum = \"zero\" \
@@ -151,7 +151,7 @@ pub(crate) fn zero_needs(axis: &str) -> String {
 }
 
 /// Returns the comment lines above the TOML text of the model. They contain the facts that the operator must know about
-/// it.
+/// the model.
 fn head(found: &Identified) -> Vec<String> {
     let (means, before) = (&found.means, &found.uncompensated);
     let settle = settle(found.settle_s);
@@ -244,7 +244,7 @@ fn listed(term: &TermFound) -> String {
     )
 }
 
-/// Returns a number with three significant digits.
+/// Returns a number as decimal text with three significant digits.
 fn short(value: f64) -> String {
     if value.abs() < 1e-9 {
         return "0.0".to_owned();

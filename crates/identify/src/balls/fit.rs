@@ -63,9 +63,9 @@ pub(super) fn fit(cold: &[Touch], round: &[Touch], along: usize, origin: f64) ->
     })
 }
 
-/// Returns how far a touch moved since the cold round. The cold coordinates are the mean of the touches of the same
-/// ball with the same stylus. `Ok(None)` if the cold round has no such touch; `Err` if the movement is too large for a
-/// drift.
+/// Returns how far the ball of a touch moved since the cold round. The cold coordinates are the mean of the touches of
+/// the same ball with the same stylus. `Ok(None)` if the cold round has no such touch; `Err` if the movement is too
+/// large for a drift.
 fn since_cold(cold: &[Touch], touch: &Touch, along: usize) -> Result<Option<Moved>, String> {
     let same: Vec<&Touch> = cold.iter().filter(|other| other.is_like(touch)).collect();
     if same.is_empty() {
@@ -86,7 +86,8 @@ fn since_cold(cold: &[Touch], touch: &Touch, along: usize) -> Result<Option<Move
     Ok(Some(Moved { place: mean(along), stylus: touch.stylus_mm, by }))
 }
 
-/// Returns the least-squares solution; `None` if there are too few rows, or if columns are linearly dependent.
+/// Returns the vector w that minimizes |matrix·w − target|². `None` if there are too few rows, or if columns are
+/// linearly dependent.
 fn least_squares(matrix: &DMatrix<f64>, target: &DVector<f64>) -> Option<DVector<f64>> {
     if matrix.nrows() < matrix.ncols() {
         return None;

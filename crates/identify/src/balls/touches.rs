@@ -34,7 +34,8 @@ pub(super) fn time(round: &[Touch]) -> Moment {
 }
 
 /// Divides the table into rounds. A new round begins when the column `round` changes. Without that column, a new round
-/// begins when a ball occurs again with the same stylus length.
+/// begins when a ball occurs again with the same stylus length. Returns an error if a column is missing, or if a cell
+/// of a touch is empty.
 pub(super) fn rounds(dataset: &Dataset) -> Result<Vec<Round>, BadLog> {
     let mut wrong = Vec::new();
     let mut needed = |name: &str, what: &str| {

@@ -18,7 +18,8 @@ pub(super) fn read(file: &Path, split: &Split, uses: Uses<'_>) -> Result<Table, 
     from_text(file, files::open(file)?, split, uses)
 }
 
-/// Reads CSV from any input.
+/// Reads a CSV log from `input`, for example from decompressed data. `file` is only used in error messages, which also
+/// contain line numbers.
 pub(super) fn from_text(
     file: &Path,
     input: impl std::io::Read,
@@ -119,7 +120,8 @@ pub(super) fn own_line<R: std::io::Read>(reader: &csv::Reader<R>, record: &csv::
     reader.position().line().saturating_sub(1 + inside as u64)
 }
 
-/// Returns the message about a row with more or fewer cells than column names.
+/// Returns the message about a row with more or fewer cells than column names. `more` is a text about further rows of
+/// this kind, or empty.
 pub(super) fn uneven_row((cells, width): (usize, usize), separator: u8, more: &str) -> String {
     let hint = match cells > width {
         true if separator == b',' => {
@@ -140,7 +142,7 @@ pub(super) fn fits(record: &csv::StringRecord, width: usize, unnamed: usize) -> 
         || (cells > width && record.iter().skip(width).all(|cell| cell.trim().is_empty()))
 }
 
-/// Adds the units from a second header line to the names of the columns.
+/// Adds the units from a second header line to the names of the columns, for example `bed [°C]`.
 pub(super) fn with_units(names: Vec<String>, units: &[String]) -> Vec<String> {
     let mut names = names;
     for (name, unit) in names.iter_mut().zip(units) {
@@ -151,7 +153,7 @@ pub(super) fn with_units(names: Vec<String>, units: &[String]) -> Vec<String> {
     names
 }
 
-/// Checks the names of the columns: there are not too many, and each name occurs only once.
+/// Checks that a log has column names, but not too many, and that each name occurs only once.
 pub(super) fn check_header(names: &[String]) -> Result<(), String> {
     if names.iter().all(String::is_empty) {
         return Err("the log is empty: its first line must contain the names of the columns".to_owned());

@@ -41,7 +41,7 @@ pub struct Explanation {
 /// Layout of a CSV file.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct CsvLayout {
-    /// Name of the encoding.
+    /// Name of the character encoding, for example `UTF-8`.
     pub encoding: &'static str,
     /// Number of the line with the names of the columns.
     pub names_in_line: u64,
@@ -60,12 +60,12 @@ pub struct TimeLayout {
     pub column: String,
     /// Name of the column with the date; `None` if date and time are in one column.
     pub date: Option<String>,
-    /// Format of the times, only for the text output.
+    /// Format of the times. This field is only used for the text output, and is left out of the JSON output.
     #[serde(skip)]
     form: TimeForm,
     /// Unit of times that are numbers.
     pub unit: String,
-    /// Time zone of the times that do not state a zone.
+    /// Time zone that applies to times without an offset from UTC.
     pub zone: String,
     /// Order of day and month; `None` if no date shows the order.
     pub dates: Option<&'static str>,

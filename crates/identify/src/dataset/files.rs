@@ -71,7 +71,7 @@ const UNREAD: [(&[&str], &str); 3] = [
 const NO_TABLES: &str = "this program was built without support for workbooks and compressed logs: save the \
                          file as CSV, or install a packaged version of the program";
 
-/// Decision how to use a file that was found in a directory of logs.
+/// Use of a file that was found in a directory of logs: the file is read as a log, reported as unreadable, or ignored.
 #[derive(Debug, PartialEq, Eq)]
 enum Use {
     Log,
@@ -158,7 +158,7 @@ fn inside(directory: &Path, wrong: &mut Vec<String>, remarks: &mut Vec<String>) 
     files
 }
 
-/// Opens a log file.
+/// Opens a log file for reading. Returns an error with the path if the file does not exist, or is not a regular file.
 pub(super) fn open(file: &Path) -> Result<File, BadLog> {
     safe_file::open(file).map_err(|why| cannot_be_read(file, &why))
 }

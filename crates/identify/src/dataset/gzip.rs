@@ -17,7 +17,8 @@ pub(super) fn read(file: &Path, split: &Split, uses: Uses<'_>) -> Result<Table, 
     csv::from_text(file, open(file)?, split, uses)
 }
 
-/// Opens a compressed CSV log.
+/// Opens a log that is compressed with gzip, and returns a reader of the decompressed bytes. Returns an error for a
+/// compressed Parquet file or workbook.
 pub(super) fn open(file: &Path) -> Result<Box<dyn Read>, BadLog> {
     let inner = file.file_stem().map(Path::new).and_then(Path::extension);
     if let Some(ending) = inner.filter(|ending| ["parquet", "xlsx"].iter().any(|known| ending == known)) {

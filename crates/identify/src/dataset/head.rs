@@ -104,7 +104,7 @@ fn find(lines: &[&str]) -> Head {
     Head { skipped: skipped as u64, after: after as u64, units, rows }
 }
 
-/// Returns the index of the line with the column names; `None` if the begin of the text has no such line.
+/// Returns the index of the line with the column names; `None` if the first 64 KiB of the text have no such line.
 #[cfg(feature = "tables")]
 pub(super) fn line_of_names(text: &[u8]) -> Option<usize> {
     let sample = &text[..text.len().min(1 << 16)];

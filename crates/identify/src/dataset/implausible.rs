@@ -67,10 +67,10 @@ fn least_distance(kind: Kind) -> Option<f64> {
 pub(super) struct Found {
     /// Rows with suspicious values that differ clearly from the neighbouring values.
     pub(super) sentinels: Vec<usize>,
-    /// Rows of jumps of a displacement after which the value returned within a few rows.
+    /// Rows of short jumps of a displacement: the value returned within a few rows.
     pub(super) jumps: Vec<usize>,
-    /// First row after each jump of a displacement after which the value did not return. The values after such a jump
-    /// are used.
+    /// First row after each lasting jump of a displacement: the value did not return. The values after such a jump are
+    /// used.
     pub(super) lasting: Vec<usize>,
 }
 
@@ -123,7 +123,7 @@ fn is_near(times: &[Moment], one: usize, other: usize) -> bool {
 }
 
 /// Returns whether a value differs from its neighbours by more than `least`, while the neighbours are similar to each
-/// other. For the value zero, both neighbours need only be on the same side of zero. The first or last row has only one
+/// other. For the value zero, it is enough that both neighbours have the same sign. The first or last row has only one
 /// neighbour; a zero in such a row is not implausible.
 fn stands_apart(value: f64, before: Option<f64>, after: Option<f64>, least: f64) -> bool {
     let distance = |neighbour: f64| (value - neighbour).abs();
@@ -148,8 +148,8 @@ fn steps(values: &[f64], good: &[usize]) -> (f64, f64) {
     (smallest.unwrap_or(0.0), steps.get(steps.len() * 9 / 10).copied().unwrap_or(0.0))
 }
 
-/// Finds the jumps of a displacement while the machine does not move. The first list contains the rows of the jumps
-/// after which the value returns within a few rows. The second list contains the first row after each other jump.
+/// Finds the jumps of a displacement while the machine does not move. The first list contains the rows of short jumps,
+/// after which the value returns within a few rows. The second list contains the first row after each lasting jump.
 fn jumps(tested: &Tested<'_>, sentinels: &[usize], usual: f64) -> (Vec<usize>, Vec<usize>) {
     let Tested { times, values, moved, .. } = *tested;
     let least = f64::max(JUMP.0, JUMP.1 * usual);

@@ -85,10 +85,10 @@ const OF_TEMPERATURES: [f64; 22] = [
     0.0, 85.0, 125.0, 127.0, -127.0, 128.0, 150.0, 400.0, 600.0, 650.0, 760.0, 800.0, 850.0, 988.79, 1000.0,
     1200.0, 1300.0, 1370.0, 1372.0, 1768.0, 1820.0, -242.02,
 ];
-/// Lower limits of the measuring ranges of temperature sensors, °C.
+/// Lower limits of the measuring ranges of temperature sensors, °C. A sensor with a fault may output such a value.
 const COLDEST: [f64; 5] = [-40.0, -50.0, -200.0, -270.0, -273.15];
 
-/// Absolute value that no temperature, displacement or speed of a machine reaches.
+/// Limit of an absolute value. No temperature, displacement or speed of a machine reaches this number, in its unit.
 pub(super) const HUGE: f64 = 1e6;
 
 /// Returns whether a logger or sensor may have output this number to report a fault, instead of a measured value of

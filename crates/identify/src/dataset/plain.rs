@@ -24,7 +24,8 @@ pub struct PlainLog {
     /// Whether the log file is CSV. If the log file has another format, the program wrote `input` with decimal points
     /// and times in UTC.
     pub is_csv: bool,
-    /// Cells of the first rows.
+    /// Cells of the first rows below the column names. The order of day and month and the decimal mark are detected
+    /// from these cells.
     pub first_rows: Vec<Vec<String>>,
     /// Numbers of lines of the file that are not in `input`: lines before the column names, and lines between the
     /// column names and the first row.

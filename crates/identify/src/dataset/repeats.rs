@@ -66,7 +66,7 @@ pub(super) fn find(runs: &[Run], is_measured: &dyn Fn(usize) -> bool) -> Vec<Str
 /// Two runs that contain the same rows.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Copied {
-    /// Run that was read first.
+    /// Index of the run that was read first.
     first: usize,
     second: usize,
     /// Equal rows as a share of the compared rows of the shorter run.

@@ -1,5 +1,5 @@
 //! One run: a warm-up of the machine, as log columns of numbers. Errors and rises are counted from its datum (zero
-//! point).
+//! point). A rise is a sensor reading minus its reference value.
 
 use std::path::PathBuf;
 use std::time::Duration;
@@ -14,7 +14,7 @@ pub struct Run {
     /// Name of the file without extension. If the file contains several runs, a number or the value of the dividing
     /// column follows.
     pub name: String,
-    /// File of the run.
+    /// Path of the log file that contains the run.
     pub file: PathBuf,
     /// Times of the log rows, ascending.
     pub times: Vec<Moment>,

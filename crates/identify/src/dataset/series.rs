@@ -34,7 +34,7 @@ enum Block {
 struct Packed {
     /// Smallest multiple (number divided by the decimal step) in the block.
     least: f64,
-    /// Number of decimal steps in 1.
+    /// Number of decimal steps in 1, for example 10 if the step is 0.1.
     steps: f64,
     /// Number of bits in `words` for each row.
     width: usize,
@@ -166,7 +166,7 @@ fn low(pair: u128) -> u64 {
     low
 }
 
-/// Numbers of consecutive rows.
+/// Iterator over the numbers of consecutive rows of a [`Series`]; NaN if missing.
 #[derive(Clone)]
 pub struct Numbers<'a> {
     series: &'a Series,

@@ -118,7 +118,7 @@ fn of_table(mut table: Table, names: &[String], split: &Split, kind: KindOf<'_>)
     Ok(Divided { runs, remarks, refused })
 }
 
-/// Returns the range of table rows of each run, in order.
+/// Returns the range of table rows of each run, in order; an error if there are more than [`MOST_RUNS`] runs.
 fn parts(table: &Table, labels: Option<&Labels<'_>>, split: &Split) -> Result<Vec<Range<usize>>, BadLog> {
     let ends = |row: &usize| {
         labels.is_some_and(|labels| !labels.are_alike(row - 1, *row))

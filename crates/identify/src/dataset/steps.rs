@@ -7,13 +7,13 @@ use isotherm_profile::safe_file::quoted;
 
 /// Maximum number of rows from whose steps the unit is checked.
 pub(super) const COMPARED: usize = 1000;
-/// Smallest number that is read as a date, s since 1970: the begin of 1980.
+/// Smallest number that is read as a date, s since 1970. It is at the start of 1980.
 const FIRST_DATE: f64 = 315_532_800.0;
 /// Limit of the step between two rows, s. With a larger step, the rows would be hours apart.
 const HOURS: f64 = 7200.0;
 /// Steps that loggers often use, s. A log in milliseconds with about one row per second has steps of a similar size.
 const USUAL: [f64; 3] = [1200.0, 1800.0, 3600.0];
-/// Minimum number of rows for which a logger must have written the log. A person does not write so many rows by hand.
+/// Minimum number of rows of a log that a logger must have written. A person does not write so many rows by hand.
 const OF_LOGGER: usize = 100;
 
 /// Returns whether a time that is a number counts from the start of the log. If not, it is a date.

@@ -77,7 +77,7 @@ pub(super) struct Understood {
     /// Name of the column with the time, and of the column with the date if there is one.
     pub(super) time: String,
     pub(super) date: Option<String>,
-    /// Format of the times.
+    /// Format of the times: numbers, texts or time stamps.
     pub(super) form: TimeForm,
     /// Unit of the times, if the times are numbers.
     pub(super) unit: TimeUnit,
@@ -285,8 +285,8 @@ impl Reader {
         self.time.date
     }
 
-    /// Detects the order of day and month, and whether a mark before three digits is a decimal mark. Both are detected
-    /// from `rows`, which are read again later.
+    /// Detects the order of day and month in dates, and whether the mark before three digits is a decimal mark, from
+    /// the first rows. These rows are read again later.
     pub(super) fn learn<'a>(&mut self, rows: impl Iterator<Item = Vec<&'a str>> + Clone) {
         let dated = self.time.date.unwrap_or(self.time.time);
         for cells in rows.clone() {
@@ -325,7 +325,8 @@ impl Reader {
         self.columns.get(place).is_some_and(|column| column.words.is_some())
     }
 
-    /// Ends the reading of a column of texts that are not needed. `why` is the reason in the message about the column.
+    /// Stops reading a column whose cells are texts that are not needed. `why` is the reason in the message about the
+    /// column.
     #[cfg(feature = "parquet")]
     pub(super) fn is_text(&mut self, place: usize, why: &str) {
         let column = &mut self.columns[place];

@@ -20,7 +20,7 @@ pub(super) trait Convert {
     fn next_part(&mut self, text: &mut Vec<u8>) -> io::Result<bool>;
 }
 
-/// Converted parts of a text.
+/// State of a conversion: the converter, and the part of the text that was converted last.
 pub(super) struct Parts<C> {
     converter: C,
     /// Current part of the converted text. The bytes from `at` onwards have not been returned yet.

@@ -1,6 +1,6 @@
 //! Format of the times in a log file.
 
-/// Format of the times in a log file.
+/// Format of the times in a log file: numbers, texts or time stamps.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(not(feature = "parquet"), allow(dead_code, reason = "only Parquet declares its times"))]
 pub(super) enum TimeForm {

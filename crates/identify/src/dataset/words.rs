@@ -19,7 +19,7 @@ impl Words {
         self.places.iter().map(|place| self.words[*place as usize].as_str())
     }
 
-    /// Returns the text of the row with the index `place`.
+    /// Returns the text of the row with the index `place`. `None` if there is no such row.
     fn at(&self, place: usize) -> Option<&str> {
         self.words.get(*self.places.get(place)? as usize).map(String::as_str)
     }

@@ -44,7 +44,8 @@ pub(super) fn read(file: &Path, split: &Split, uses: Uses<'_>) -> Result<Table, 
     csv::from_text(file, text.as_slice(), &split, uses)
 }
 
-/// Returns the sheet that has a time column, as CSV.
+/// Returns the sheet that has a time column, as CSV. Returns an error if no sheet or more than one sheet has a time
+/// column. `stated` is the decimal mark that the operator stated.
 fn log_of(bytes: Vec<u8>, stated: Option<DecimalMark>) -> Result<Vec<u8>, String> {
     let mut book =
         Xlsx::new(Cursor::new(bytes)).map_err(|why| format!("the file is not a workbook: {why}"))?;
@@ -116,8 +117,8 @@ struct Lines {
     column: u32,
     /// Whether the current row has a cell already.
     has_cells: bool,
-    /// Largest number of a column in all rows so far. Each row is filled up to this column, because its last cells may
-    /// be missing.
+    /// Largest column index in all rows so far, counted from zero. Each row is filled up to this column, because its
+    /// last cells may be missing.
     widest: u32,
 }
 

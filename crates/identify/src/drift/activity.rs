@@ -39,7 +39,7 @@ pub(super) struct Mover {
     is_speed: bool,
 }
 
-/// Finds the columns of speeds and positions that may move in a run.
+/// Returns the log columns of speeds and positions whose movement may warm the machine.
 pub(super) fn movers(dataset: &Dataset, units: Units<'_>) -> Vec<Mover> {
     let of = |(column, Column { name, kind }): (usize, &Column)| {
         let lower = name.to_ascii_lowercase();

@@ -48,7 +48,7 @@ pub(crate) struct Mending<'a> {
     faults: Vec<Fault>,
 }
 
-/// Result of the repair.
+/// Result of the repair of all sensor faults: the repaired sensors, and the sensors that are left out.
 #[derive(Clone, Debug)]
 pub(crate) struct Mended<'a> {
     /// Data with which the logs can be repaired again without a held-out run; `None` if nothing was repaired.

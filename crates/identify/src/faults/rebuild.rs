@@ -48,11 +48,11 @@ pub(super) struct Likeness<'a> {
     grams: Vec<Gram>,
 }
 
-/// Repaired column of a run.
+/// Repaired readings of one sensor in one run.
 pub(super) struct Replaced {
     /// Readings after the repair in each row of the run, °C.
     pub(super) values: Vec<f64>,
-    /// Description of the repair.
+    /// Description of the repair for the operator.
     pub(super) message: String,
     /// Error of the same repair on good runs, as a root mean square, °C.
     pub(super) error: f64,
@@ -232,7 +232,7 @@ impl Table {
         before(from)..before(to)
     }
 
-    /// Returns the residual of each row: the reading minus its prediction from the neighbours.
+    /// Returns the residual of each row, °C: the reading minus its prediction from the neighbours.
     fn left(&self, columns: &[usize], gains: &DVector<f64>) -> Vec<f64> {
         let mut left = DVector::from_column_slice(&self.values);
         for (column, gain) in columns.iter().zip(gains.iter()) {

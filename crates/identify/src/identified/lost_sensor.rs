@@ -71,8 +71,8 @@ pub(super) fn fallbacks(
     Ok(found)
 }
 
-/// Returns a fallback model for each lost input. There is none for an input if the method cannot identify a model
-/// without that input.
+/// Returns a fallback model for each lost input. An input has no fallback model if the method cannot identify a model
+/// without this input.
 fn without_each(
     campaign: &Campaign<'_>,
     learner: &dyn Learner,

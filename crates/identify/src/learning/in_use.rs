@@ -42,7 +42,7 @@ impl InUse {
         Ok(InUse { terms: terms.iter().filter_map(term).collect(), expected: model.expected })
     }
 
-    /// Returns a candidate in the form of a model in use. The expected error of the previous model is kept.
+    /// Returns the model in use after `candidate` has replaced this model. The expected error of this model is kept.
     #[must_use]
     pub fn replaced_by(&self, candidate: &FleetModel) -> InUse {
         InUse { terms: candidate.prior(), expected: self.expected }
@@ -62,13 +62,13 @@ impl InUse {
         }
     }
 
-    /// Returns a text (hash) that identifies the model. Terms without an effect do not change it.
+    /// Returns a text (hash) that identifies the model. Terms with the gain zero do not change the hash.
     pub(super) fn fingerprint(&self) -> String {
         fingerprint(&self.terms)
     }
 }
 
-/// Returns a text (hash) that identifies a model by its terms. Terms without an effect do not change it.
+/// Returns a text (hash) that identifies a model by its terms. Terms with the gain zero do not change the hash.
 pub(super) fn fingerprint(terms: &[PriorTerm]) -> String {
     let effective: Vec<&PriorTerm> = terms.iter().filter(|term| term.gain.abs() > 0.0).collect();
     sha256(format!("{effective:?}").as_bytes())

@@ -11,7 +11,7 @@ pub enum Method {
     Whitened,
     /// Mean of a forward search and an elastic net on pairs of sensor and lag.
     SparseLag,
-    /// Ridge regression on every sensor through every lag.
+    /// Ridge regression on all sensors, each with every lag.
     RidgeLag,
     /// Stepwise regression: terms are added and removed by partial F tests.
     Stepwise,
@@ -23,7 +23,7 @@ pub enum Method {
     Position,
     /// Two sources of heat, which are identified one after the other.
     TwoSource,
-    /// Difference of two sensors.
+    /// Difference of two sensors, multiplied by one gain.
     Difference,
     /// Network of radial basis functions, which are Gaussian functions around centres.
     Rbf,

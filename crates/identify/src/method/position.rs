@@ -17,7 +17,7 @@ use crate::statistics::range;
 /// Ridge penalty of the forward search. The candidate terms are scaled to a root mean square of 1.
 const HELD: [f64; 1] = [1e-3];
 
-/// Fits a model with at most `terms` terms.
+/// Fits a model with at most `terms` terms; `None` for the default limit. `runs` are the training runs.
 pub(super) fn fit(grams: &[Gram], runs: &[usize], columns: &[usize], terms: Option<usize>) -> Gains {
     let inner = Inner::of(grams, runs).of_columns(columns).or_itself();
     let most = most_terms(runs, terms);

@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use super::Method;
 
-/// Options of the methods.
+/// Options of the identification methods. If an option applies to one method only, its comment names that method.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Settings {
     /// Method by which the model is identified.

@@ -34,7 +34,8 @@ const STEPS: usize = 13;
 /// of the forward search.
 const UNVALIDATED: usize = 5;
 
-/// Fits a model. `terms` is the maximum number of terms; `None` for no limit.
+/// Fits a model to the training runs `runs`, with the candidate terms `columns`. `terms` is the maximum number of
+/// terms; `None` for no limit.
 pub(super) fn fit(grams: &[Gram], runs: &[usize], columns: &[usize], terms: Option<usize>) -> Gains {
     let inner = Inner::of(grams, runs).of_columns(columns).or_itself();
     let folds = inner.scaled();
@@ -106,7 +107,8 @@ fn by_net(all: &Gram, folds: &[Scaled]) -> DVector<f64> {
     last.map_or_else(|| DVector::zeros(0), |gains| gains.component_div(&scales))
 }
 
-/// Returns the first item, or a later item if its cost is clearly lower. Each pair is a cost and an item.
+/// Returns the first item, or a later item if its cost is less than [`CLEARLY`] times the cost of the best item before
+/// it. Each pair is a cost and an item. `None` if there are no items.
 fn first_unless_clearly<T>(tried: impl Iterator<Item = (f64, T)>) -> Option<T> {
     let better = |best: (f64, T), next: (f64, T)| if next.0 < CLEARLY * best.0 { next } else { best };
     tried.reduce(better).map(|(_, best)| best)

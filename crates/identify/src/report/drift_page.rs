@@ -10,7 +10,7 @@ use isotherm_html::chart::{self, Line, LineStyle};
 use isotherm_html::{date, decimals, duration, figure, number, row, table};
 use isotherm_profile::Profile;
 
-/// Renders the report as one HTML file.
+/// Renders the drift of each run as one HTML file. `made` is the time of the report.
 pub fn drift_page(dataset: &Dataset, drifts: &[Drift], profile: Option<&Profile>, made: Moment) -> String {
     let hours: f64 = drifts.iter().map(|drift| drift.hours).sum();
     let content = html! {

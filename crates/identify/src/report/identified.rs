@@ -1,4 +1,4 @@
-//! HTML report of the command `isotherm identify`.
+//! HTML report of the command `isotherm identify`: the model, its validation, its sensors and its logs.
 
 use maud::{Markup, html};
 
@@ -27,7 +27,7 @@ pub struct Subject<'a> {
     pub made: Moment,
 }
 
-/// Returns the report as one HTML file.
+/// Returns the report about an identified model as one HTML file.
 pub fn identified(subject: &Subject<'_>) -> String {
     let Subject { profile, ready, found, made } = *subject;
     let dataset = ready.logs;

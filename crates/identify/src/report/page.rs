@@ -6,12 +6,12 @@ use isotherm_core::quantity::Moment;
 use isotherm_html::duration;
 use isotherm_profile::Profile;
 
-/// Renders a whole HTML page.
+/// Renders a report as a whole HTML page. `made` is the time of the report.
 pub(super) fn page(title: &str, made: Moment, content: &Markup) -> String {
     isotherm_html::page(title, made, "the logs named here", content)
 }
 
-/// Renders the machine for the list of facts at the head of a report.
+/// Renders the name and the description of the machine, for the list of facts at the head of a report.
 pub(super) fn machine(profile: &Profile) -> Markup {
     html! {
         dt { "machine" } dd { (profile.name) @if !profile.description.is_empty() { ": " (profile.description) } }

@@ -1,4 +1,4 @@
-//! HTML report of the command `isotherm select`.
+//! HTML report of the command `isotherm select`: the assessed and the recommended temperature measuring points.
 
 use maud::{Markup, html};
 
@@ -9,7 +9,7 @@ use isotherm_core::quantity::Moment;
 use isotherm_html::chart::{self, Bar};
 use isotherm_html::{date, decimals, figure, number, table, three_digits};
 
-/// Renders the report as one HTML file.
+/// Renders the selected measuring points and their assessment as one HTML file. `made` is the time of the report.
 pub fn selection_page(pointed: &Pointed<'_>, found: &Selected, made: Moment) -> String {
     let dataset = pointed.campaign.dataset.as_ref();
     let used = |name: &str| {

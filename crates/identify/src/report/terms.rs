@@ -100,7 +100,8 @@ fn units<'a>(terms: &[&'a TermFound]) -> Vec<&'a str> {
     units
 }
 
-/// Returns the name of the signal of a term, or of the square of the signal.
+/// Returns the name of the signal of a term, for example `bed`. If the input is the square of the signal, the result is
+/// `bed²`.
 fn named(term: &TermFound) -> String {
     format!("{}{}", term.signal, if term.squared { "²" } else { "" })
 }
@@ -202,7 +203,8 @@ pub(super) fn stand_ins(found: &Identified) -> Markup {
     }
 }
 
-/// Renders the held-out results by the number of sensors.
+/// Renders how the error range on held-out runs depends on the number of sensors in the model. Renders nothing if there
+/// are fewer than three results.
 pub(super) fn by_sensors(counted: &[Counted]) -> Markup {
     if counted.len() < 3 {
         return html! {};
@@ -235,7 +237,8 @@ pub(super) fn by_sensors(counted: &[Counted]) -> Markup {
     }
 }
 
-/// Renders the expected error of the model.
+/// Renders the expected error of the model (standard deviation of its residual error) after several hours. If the
+/// expected error is not known, renders the reason.
 pub(super) fn expected(found: &Identified) -> Markup {
     let Some(expected) = found.expected else {
         return html! { @if let Some(why) = found.expected_missing { h2 { "Expected error" } p { "Not known: " (why) "." } } };
@@ -268,7 +271,8 @@ pub(super) fn expected(found: &Identified) -> Markup {
     }
 }
 
-/// Renders the envelope: the range of the rises in the logs from which the model was identified.
+/// Renders the envelope: the range of the rises in the logs from which the model was identified. A rise is the value of
+/// an input minus its reference.
 pub(super) fn envelope(region: Option<&Region>) -> Markup {
     let Some(region) = region else {
         return html! {

@@ -13,7 +13,7 @@ use crate::{incomplete, omission};
 use isotherm_core::reading::SignalId;
 use isotherm_profile::Unit;
 
-/// Temperature measuring points that can be analysed.
+/// Checked measuring points, with the logged runs from which points are selected.
 #[derive(Clone, Debug)]
 pub struct Pointed<'a> {
     /// Logged runs, in which every column is a signal.

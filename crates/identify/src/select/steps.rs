@@ -1,5 +1,5 @@
-//! Stepwise selection of points: partial F tests decide in which order points are added. The tests use rises without
-//! lags.
+//! Stepwise selection of points: partial F tests decide in which order points are added. The tests use rises
+//! (temperatures minus their reference values) without lags.
 
 use serde::Serialize;
 
@@ -31,7 +31,8 @@ pub struct Step {
     pub chance: f64,
 }
 
-/// Selects points stepwise, over all runs.
+/// Selects points by partial F tests on the rows of all runs. `rows_per_sample` is the number of log rows that count as
+/// one independent sample.
 pub(super) fn steps(bank: &Bank, rows_per_sample: f64, name: &dyn Fn(usize) -> String) -> Steps {
     let gram = Gram::total(&bank.grams());
     let is_plain = |column: &usize| bank.candidates[*column].lag.is_none();

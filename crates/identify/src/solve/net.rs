@@ -23,7 +23,7 @@ pub(crate) struct Net<'a> {
 }
 
 impl Net<'_> {
-    /// Creates the elastic net. In the beginning, no column is active: all gains are zero.
+    /// Creates the elastic net with the L2 penalty `l2`. At first, all gains are zero.
     pub(crate) fn new(scaled: &Gram, l2: f64) -> Net<'_> {
         let gains = DVector::zeros(scaled.cross.len());
         Net { scaled, l2, gains, columns: Vec::new(), signs: Vec::new(), factor: Vec::new() }

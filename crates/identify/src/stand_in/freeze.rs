@@ -1,5 +1,5 @@
 //! Finds frozen sensors in logs: their readings are constant, while the predictions from the other sensors move. x̂(t)
-//! is the predicted reading at the time t.
+//! is the predicted reading at the time t. A rise is a reading minus its reference value.
 //!
 //! ```text
 //! D(t) = |x̂(t) − x̂(s)|   °C, s: time of the last change of the reading; D is 0 in the 3 minutes after s
@@ -51,8 +51,8 @@ const LONG: f64 = 3600.0;
 const LONG_AT_THE_END: f64 = 1800.0;
 /// Factor by which the step at the end of a freeze must exceed the largest other step of a sensor with coarse counts.
 const LARGER: f64 = 2.0;
-/// Distance of constant readings outside the range of a sensor's rises in the other runs, as a share of this range. If
-/// the distance is larger, the sensor is not tested.
+/// Maximum distance of a constant reading outside the range of the sensor's rises in the other runs, as a share of this
+/// range. If the distance is larger, the sensor is not tested.
 const BEYOND: f64 = 0.25;
 
 /// Returns a message that some constant readings were not tested for freezes, because there are too few runs. `None` if

@@ -1,6 +1,6 @@
 //! Simulation of frozen sensors on rows of one minute, with the rules by which the gateway detects them. The results
 //! are the effect on the residual error, and the time to detection. A predictor is a sensor from which the frozen
-//! sensor is predicted.
+//! sensor is predicted. A rise is a reading minus its reference value.
 
 use rand::{RngExt, SeedableRng};
 use rayon::prelude::*;

@@ -86,13 +86,15 @@ fn list<'b>(
     Some(rest)
 }
 
-/// Decodes a zigzag integer: 0, −1, 1, −2, …
+/// Decodes a zigzag integer: the varints 0, 1, 2, 3, … mean 0, −1, 1, −2, … Also returns the bytes after the integer;
+/// `None` if the integer is truncated or too long.
 fn integer(bytes: &[u8]) -> Option<(i64, &[u8])> {
     let (raw, rest) = varint(bytes)?;
     Some(((raw >> 1).cast_signed() ^ -(raw & 1).cast_signed(), rest))
 }
 
-/// Decodes a varint: seven bits per byte, the lowest first. The highest bit of the last byte is zero.
+/// Decodes a varint: seven bits per byte, the lowest first. The highest bit of the last byte is zero. Also returns the
+/// bytes after the varint; `None` if it is truncated or too long.
 fn varint(bytes: &[u8]) -> Option<(u64, &[u8])> {
     let end = bytes.iter().take(10).position(|byte| byte & 0x80 == 0)?;
     let number = bytes[..=end].iter().rev().fold(0, |number, byte| number << 7 | u64::from(byte & 0x7f));

@@ -56,7 +56,7 @@ impl Neurons {
         }
     }
 
-    /// Returns the output of each neuron for each row.
+    /// Returns the output of each neuron for each row, as a matrix of rows × neurons.
     fn layer(&self, rises: &DMatrix<f64>) -> DMatrix<f64> {
         let mut layer = product(view(rises), view(&self.first).transpose());
         for (mut column, bias) in layer.column_iter_mut().zip(self.bias.iter()) {

@@ -19,7 +19,8 @@ const PENALTIES: i32 = 10;
 /// Width and penalty if there is only one run, because no validation is possible then.
 const UNVALIDATED: (f64, f64) = (4.0, 1e-4);
 const ROUNDS: usize = 50;
-/// Distance of centres, in units of the scaled inputs. k-means ends if no centre moves farther than this.
+/// Limit of the movement of a centre in one step of k-means, in units of the scaled inputs. k-means ends if no centre
+/// moves farther.
 const STILL: f64 = 1e-6;
 
 /// Number of radial-basis models whose mean is the model. Each has its own centres, because the result of k-means
