@@ -302,7 +302,7 @@ fn temperatures_in_kelvin_without_a_unit_are_named() {
     let log = file(home.path(), "day.csv", &format!("time,bed_k,z_um\n{rows}"));
     let ended = isotherm(home.path()).arg("report").arg(log).output().unwrap();
     let said = String::from_utf8_lossy(&ended.stdout).into_owned();
-    assert!(said.contains("that is K (293 K = 20 °C)") && said.contains("`bed [K]`"), "{said}");
+    assert!(said.contains("these values are in K (293 K = 20 °C)") && said.contains("`bed [K]`"), "{said}");
 }
 
 #[test]

@@ -204,7 +204,7 @@ fn an_input_may_lag_behind_its_signal_and_begins_at_rest_on_its_reference() {
     let reported = reported(&loaded);
     for words in [
         "over bed, (wheelhead − its value at machine start) lagged by 12m",
-        "when wheelhead rises by 1 °C (from 35) (63 % of the effect 12m after wheelhead has risen), Cz changes \
+        "when wheelhead rises by 1 °C (from 35) (63 % of the effect is reached 12m after wheelhead has risen), Cz changes \
          by",
     ] {
         assert!(reported.contains(words), "`{words}` is not in:\n{reported}");
@@ -367,7 +367,7 @@ fn an_envelope_belongs_to_any_model_and_says_what_happens_outside() {
             .unwrap();
     assert!(self::reported(&exact).contains("bed 20.123 … 30.988 °C"), "{}", self::reported(&exact));
     for (from, to, words) in [
-        ("[[4, 1], [1, 4]]", "[[4, 4], [4, 4]]", "not positive definite: wheelhead"),
+        ("[[4, 1], [1, 4]]", "[[4, 4], [4, 4]]", "not positive definite: input wheelhead"),
         ("[[4, 1], [1, 4]]", "[[4]]", "1 rows of 1 columns; 2 inputs need as many rows and columns"),
         ("[[4, 1], [1, 4]]", "[[4, 1], [2, 4]]", "not symmetric: bed with wheelhead"),
         ("\"mean\": 24", "\"mean\": 34", "bed: `mean` must be between"),
@@ -456,7 +456,7 @@ fn stand_ins_say_who_is_watched_and_for_whom_others_stand_in() {
         [Replaces::FrozenOrLost, Replaces::Nothing]
     );
     let words = "2 sensors are checked for frozen readings; other sensors replace a frozen or lost bed; no \
-                 other sensors replace wheelhead";
+                 other sensors replace a frozen or lost wheelhead";
     assert!(reported(&loaded).contains(words), "{}", reported(&loaded));
     let one = watched(&STAND_INS.replace(", { \"signal\": \"scale_z\", \"lag_s\": 0, \"gain\": 0.001 }", ""));
     let one = of(&one);

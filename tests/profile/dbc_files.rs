@@ -48,9 +48,9 @@ fn a_unit_that_a_profile_does_not_have_is_converted_to_its_unit() {
 #[test]
 fn a_unit_that_cannot_be_converted_is_refused_with_what_to_write() {
     for (unit, keys, key, words) in [
-        ("degF", "unit = \"K\"", "unit", ["in \"degF\"", "write unit = \"degC\""]),
-        ("kPa", "unit = \"degC\"", "unit", ["in \"kPa\"", "write unit = \"bar\""]),
-        ("km/h", "unit = \"m/s\"", "unit", ["in \"km/h\"", "write scale = 1.0 and offset = 0.0"]),
+        ("degF", "unit = \"K\"", "unit", ["the unit \"degF\"", "write unit = \"degC\""]),
+        ("kPa", "unit = \"degC\"", "unit", ["the unit \"kPa\"", "write unit = \"bar\""]),
+        ("km/h", "unit = \"m/s\"", "unit", ["the unit \"km/h\"", "write scale = 1.0 and offset = 0.0"]),
         (
             "degF",
             "scale = 0.1\nunit = \"degC\"",

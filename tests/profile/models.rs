@@ -34,8 +34,8 @@ fn a_lag_a_slope_levels_and_a_datum_are_taken() {
     for words in [
         "Cz = 2.4·(bed − 20) lagged by 30m + 3.45·(wheelhead − its value at machine start) + 0 µm \
          + (0.007·(bed − 20) lagged by 2h) µm/mm·(scale_z − -50 mm)",
-        "when bed rises by 1 °C (63 % of the effect 30m after bed has risen), Cz changes by +2.4 µm",
-        "when bed rises by 1 °C and scale_z is 100 mm above -50 mm (63 % of the effect 2h after bed has risen), \
+        "when bed rises by 1 °C (63 % of the effect is reached 30m after bed has risen), Cz changes by +2.4 µm",
+        "when bed rises by 1 °C and scale_z is 100 mm above -50 mm (63 % of the effect is reached 2h after bed has risen), \
          Cz changes by +0.7 µm",
         "beyond ±30 µm the gateway warns",
         "a model value beyond ±60 µm switches the axis off until it is armed",

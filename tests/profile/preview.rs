@@ -166,10 +166,10 @@ fn of_several_lags_of_one_signal_the_sum_is_reported_because_one_may_point_the_o
     let reported = isotherm_profile::preview::Preview::of(&machine).to_string();
     for words in [
         "when bed rises by 1 °C, Cz changes by +3.5 µm",
-        "when bed rises by 1 °C (63 % of the effect 1h after bed has risen), Cz changes by −1.1 µm",
+        "when bed rises by 1 °C (63 % of the effect is reached 1h after bed has risen), Cz changes by −1.1 µm",
         "when bed rises by 1 °C permanently (its 2 terms added up), Cz changes by +2.4 µm",
     ] {
         assert!(reported.contains(words), "`{words}` is not in:\n{reported}");
     }
-    assert!(!reported.contains("wheelhead rises by 1 °C for good"), "{reported}");
+    assert!(!reported.contains("wheelhead rises by 1 °C permanently"), "{reported}");
 }

@@ -76,8 +76,8 @@ fn what_is_no_part_of_a_register_is_refused_with_what_is() {
         ("input:0.7-4", "", "register", "\"input:0.7-4\"", ["bit 7 is not below bit 4", "input:50.4-7"]),
         ("input:0.4-x", "", "register", "\"input:0.4-x\"", ["not bits of a register", "input:50.4-7"]),
         ("coil:0.4-7", "", "register", "\"coil:0.4-7\"", ["one bit already", "input:50.4-7"]),
-        ("input:0.4-7", "type = \"f32\"\n", "type", "\"f32\"", ["f32 is not possible", "u16, i16"]),
-        ("input:0.4-7", "type = \"u24\"\n", "type", "\"u24\"", ["u24 is not possible", "u16, i16"]),
+        ("input:0.4-7", "type = \"f32\"\n", "type", "\"f32\"", ["f32 is not possible", "u16 and i16"]),
+        ("input:0.4-7", "type = \"u24\"\n", "type", "\"u24\"", ["u24 is not possible", "u16 and i16"]),
     ] {
         refused(BED, &bed(register, more), &format!("signal.bed.{key}"), at, &words);
     }
@@ -178,7 +178,12 @@ fn what_cannot_be_a_scale_is_refused_with_what_can() {
         ),
         ("scale_from = \"coil:9\"\n", "scale_from", "\"coil:9\"", ["one bit", "holding:12"]),
         ("scale_from = \"input:9.3\"\n", "scale_from", "\"input:9.3\"", ["one bit", "holding:12.8-11"]),
-        ("scale_from = \"input:9.8-19\"\n", "scale_from", "\"input:9.8-19\"", ["beyond", "holding:12"]),
+        (
+            "scale_from = \"input:9.8-19\"\n",
+            "scale_from",
+            "\"input:9.8-19\"",
+            ["not inside one register", "holding:12"],
+        ),
         ("scale_from = \"input:0\"\n", "scale_from", "\"input:0\"", ["the value itself", "holding:12"]),
         ("decimals_from = \"inputt:9\"\n", "decimals_from", "\"inputt:9\"", ["not a register", "input"]),
     ] {

@@ -225,7 +225,7 @@ fn what_is_wrong_with_a_reading_is_reported_with_a_remedy() {
     for (arguments, words) in [
         (&["read"][..], "give a PROFILE"),
         (&["read", "--register", "input:0"], "needs a unit"),
-        (&["scan"], "name a line"),
+        (&["scan"], "give a bus line"),
         (&["scan", "--bus", "tcp://x", "--baud", "9600"], "are for a serial line"),
         (&["scan", "--bus", "ascii:///dev/ttyUSB0", "--baud", "9600"], "write them in its address: ascii://"),
         (&["scan", "--bus", "tcp://x", "--units", "9..1"], "write 1..247 or 3"),

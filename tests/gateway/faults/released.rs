@@ -416,7 +416,7 @@ fn what_cannot_be_released_is_refused_with_the_reason_and_moves_nothing() {
         runs(directory.path(), &holds(0, "0s"), vec![Run::of(BENCH), Run::of(renamed).released()]);
     refused(
         &said[0],
-        &["cannot be released", "the interlock of this register, cnc_on == 1", "set that register to zero"],
+        &["cannot be released", "the interlock cnc_on == 1 of this register", "set that register to zero"],
     );
     let hint = &told(&traces[1], "register-left")[0];
     assert!(

@@ -200,7 +200,7 @@ fn the_certificate_of_the_server_is_made_by_the_verb_and_clients_accept_it() {
         let profile = file(home, "first.toml", &profile(&nowhere(), 4840, SECURED));
         let done = isotherm(home).args(["opcua", "certificate", "--server"]).arg(&profile).output().unwrap();
         let said = String::from_utf8_lossy(&done.stdout);
-        assert!(done.status.success() && said.contains("made for the OPC UA server"), "{done:?}");
+        assert!(done.status.success() && said.contains("created for the OPC UA server"), "{done:?}");
     };
     let machine = Machine::with(SECURED, made);
     let read = machine.asks(&with(&["--user", "mes:hot-and-cold"], &READ));

@@ -47,7 +47,7 @@ fn a_jump_that_stays_is_named_with_its_time() {
         "{}",
         found[0].fault
     );
-    assert!(found[0].done.starts_with("-28.0"), "{}", found[0].done);
+    assert!(found[0].done.starts_with("a correction of -28.0"), "{}", found[0].done);
     assert_eq!(reasons(&days), []);
 }
 

@@ -368,7 +368,7 @@ fn a_copy_of_a_recorded_day_under_another_name_is_not_learned_again() {
     let (said, is_good) = learn(home.path(), &[&files[0].display().to_string()]);
     assert!(is_good && said.contains("1 run new, candidate from 1 run"), "{said}");
     let (said, is_good) = learn(home.path(), &[&copy.display().to_string()]);
-    assert!(is_good && said.contains("not used: it has the same rows as the run in z@"), "{said}");
+    assert!(is_good && said.contains("not used: this run has the same rows as the run in z@"), "{said}");
     assert!(said.contains("candidate from 1 run"), "{said}");
     let (said, _) = learn(home.path(), &[&files[0].display().to_string()]);
     assert!(said.contains("the named logs have no new run"), "{said}");

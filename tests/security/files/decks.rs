@@ -50,7 +50,7 @@ fn includes_of_devices_and_without_end_are_refused_at_their_card() {
     }
     home.write("deep9.inp", MESH);
     for (name, text, words) in [
-        ("zero.inp", "*HEADING\n*INCLUDE, INPUT=/dev/zero\n", ["zero.inp:2", "no regular file"]),
+        ("zero.inp", "*HEADING\n*INCLUDE, INPUT=/dev/zero\n", ["zero.inp:2", "not a regular file"]),
         ("itself.inp", &itself, ["itself.inp:", "included more than 2 times"]),
         ("fan.inp", "*INCLUDE, INPUT=twenty.inp\n", ["twenty.inp:", "included more than 2 times"]),
         ("deep.inp", "*INCLUDE, INPUT=deep0.inp\n", ["deep7.inp:1", "more than 8 files include each other"]),

@@ -324,7 +324,10 @@ mod tests {
             assert_eq!(found.csv.clone().unwrap().separator, separator, "{found}");
             assert_eq!(found.columns[0].name, "bed", "{found}");
             assert_eq!(found.rows[0].values, [Some(20.5)], "{found}");
-            assert!(found.to_string().contains("time: numbers are seconds; the zone of"), "{found}");
+            assert!(
+                found.to_string().contains("time: numbers are seconds; dates without a time zone"),
+                "{found}"
+            );
         }
     }
 

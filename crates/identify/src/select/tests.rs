@@ -174,7 +174,7 @@ fn wrong_choices_are_reported_all_at_once_with_what_to_do() {
             .contains("no log has a column `z_eror_um` that contains numbers; did you mean `z_error_um`?"),
         "{reported}"
     );
-    assert!(reported.contains("`bering`; did you mean `bearing`?"), "{reported}");
+    assert!(reported.contains("`bering` that contains numbers; did you mean `bearing`?"), "{reported}");
     let reported = said(&Choice { inputs: vec!["oil".to_owned()], ..choice() });
     assert!(
         reported.contains("only 1 of the temperature points can be used") && reported.contains("--inputs"),

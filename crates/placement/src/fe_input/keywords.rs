@@ -160,7 +160,7 @@ fn known<'a>(cards: &'a [Card], faults: &mut Faults) -> Vec<(Stage, &'a Card, Re
                         Stage::Step if began.is_some() && !ended => None,
                         Stage::Step => Some("the card must be between *STEP and *END STEP"),
                         Stage::Anywhere => None,
-                        _ => began.map(|_| "must be before *STEP"),
+                        _ => began.map(|_| "the card must be before *STEP"),
                     };
                     faults.extend(misplaced.map(|message| card.fault(message)));
                     card.only(parameters, faults);

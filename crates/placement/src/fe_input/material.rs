@@ -53,7 +53,8 @@ pub(super) fn material(reader: &mut Reader, card: &Card) -> Result<(), Fault> {
 
 pub(super) fn property(reader: &mut Reader, card: &Card) -> Result<(), Fault> {
     let values = values(card);
-    let material = reader.materials.last_mut().ok_or_else(|| card.fault("must be after a *MATERIAL"))?;
+    let material =
+        reader.materials.last_mut().ok_or_else(|| card.fault("the card must be after a *MATERIAL"))?;
     material.is_spoiled |= values.is_err();
     for (name, value) in values? {
         if material.properties.insert(name, value).is_some() {

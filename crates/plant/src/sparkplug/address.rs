@@ -102,7 +102,7 @@ mod tests {
         assert_eq!(Address::state_topic("SCADA 1"), Ok("spBv1.0/STATE/SCADA 1".to_owned()));
         for host in ["", "a/b", "a+", "#"] {
             let why = Address::state_topic(host).unwrap_err();
-            assert!(why.starts_with("the primary host of Sparkplug B"), "{why}");
+            assert!(why.contains("the primary host of Sparkplug B"), "{why}");
         }
     }
 

@@ -77,7 +77,7 @@ fn what_cannot_be_edited_by_lines_is_refused() {
         ("axis.z.limit = 1.0\n", "z", BLOCK, "no line [axis.z]"),
         ("[axis.y]\nlimit = 1.0\n", "z", BLOCK, "no line [axis.z]"),
         ("[axis.z]\nmodel = [{ name = \"u\" }]\n", "z", BLOCK, "cannot be edited automatically"),
-        (PROFILE, "z", "# No model: it would have no term.\n", "contains no [[axis.z.model]]"),
+        (PROFILE, "z", "# No model: it would have no term.\n", "has no [[axis.z.model]]"),
         ("[axis.z]\nlimit = = 1\n", "z", BLOCK, "not valid TOML"),
     ] {
         let said = put_model(text, axis, block).unwrap_err();

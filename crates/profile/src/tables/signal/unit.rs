@@ -226,7 +226,7 @@ mod tests {
             assert!(help.contains(words), "{text}: {help}");
         }
         let help = Unit::help("degF", Scaling { may_stand_elsewhere: true, ..Scaling::default() });
-        assert!(help.contains("0.5556 times the scale") && help.contains("less 17.78"), "{help}");
+        assert!(help.contains("0.5556 times the `scale`") && help.contains("less 17.78"), "{help}");
         // The scale of a DBC file is converted too: 0.5556 alone would replace it.
         let dbc = Scaling { may_stand_elsewhere: true, is_in_dbc: true, ..Scaling::default() };
         let help = Unit::help("degF", dbc);

@@ -50,7 +50,7 @@ fn an_expression_that_cannot_be_read_says_where_and_why() {
         ("Kz * (A - C)", 10, "`C` is not known"),
         ("(A", 2, "`)`"),
         ("A = 1", 2, "=="),
-        ("sin(A)", 0, "no function"),
+        ("sin(A)", 0, "not a function"),
         ("1..2", 0, "no number"),
         ("A * * B", 4, "value was expected"),
         ("A $ B", 2, "no meaning"),
