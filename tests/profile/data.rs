@@ -369,7 +369,7 @@ fn an_envelope_belongs_to_any_model_and_says_what_happens_outside() {
     for (from, to, words) in [
         ("[[4, 1], [1, 4]]", "[[4, 4], [4, 4]]", "not positive definite: input wheelhead"),
         ("[[4, 1], [1, 4]]", "[[4]]", "1 rows of 1 columns; 2 inputs need as many rows and columns"),
-        ("[[4, 1], [1, 4]]", "[[4, 1], [2, 4]]", "not symmetric: bed with wheelhead"),
+        ("[[4, 1], [1, 4]]", "[[4, 1], [2, 4]]", "not symmetric: the number for (bed, wheelhead)"),
         ("\"mean\": 24", "\"mean\": 34", "bed: `mean` must be between"),
         ("\"bed\"", "\"scale_z\"", "input `scale_z` of this file is not a signal of the model"),
         ("\"mean\": 24", "\"median\": 24", "unknown field `median`"),

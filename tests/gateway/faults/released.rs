@@ -420,7 +420,9 @@ fn what_cannot_be_released_is_refused_with_the_reason_and_moves_nothing() {
     );
     let hint = &told(&traces[1], "register-left")[0];
     assert!(
-        hint.contains("`isotherm release` cannot remove the value: the interlock of this register"),
+        hint.contains(
+            "`isotherm release` cannot remove the value: the interlock cnc_on == 1 of this register"
+        ),
         "{hint}"
     );
 }
