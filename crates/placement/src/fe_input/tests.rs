@@ -197,7 +197,7 @@ fn what_is_wrong_is_said_with_line_card_and_remedy() {
         (
             "*STEP, INC=100",
             "*STEP\n*INITIAL CONDITIONS, TYPE=TEMPERATURE\n",
-            "*INITIAL CONDITIONS: must be before *STEP",
+            "*INITIAL CONDITIONS: the card must be before *STEP",
         ),
         (
             "*END STEP\n",
