@@ -175,7 +175,7 @@ enum Verb {
     Confirm(confirm::Arguments),
     /// Adopt the learned model of an axis in the running gateway, or return to the previous model; Cz does not move
     Adopt(adopt::Arguments),
-    /// Remove the gateway's offset from the register of an output that was moved or removed in the profile
+    /// Return the register of an output that was moved or removed in the profile to its base value
     Release(release::Arguments),
     /// Show the frames between the running gateway and one of its devices
     Trace(trace::Arguments),
@@ -248,6 +248,7 @@ pub fn escaped(refused: clap::Error) -> clap::Error {
 }
 
 /// Executes the verb, and returns the exit code: 0 success, 1 failure, 3 no answer of the gateway, 64 wrong profile.
+/// Wrong arguments end the program with the exit code of clap.
 pub fn run(arguments: Arguments) -> ExitCode {
     let log = diagnostics::start_log(arguments.log_filter());
     let mut replacement = None;

@@ -30,8 +30,8 @@ pub mod wire;
 
 use isotherm_profile::Bus;
 
-/// Returns the object that opens connections of this bus: Modbus, OPC UA, or the sensors of this computer. Returns
-/// `None` for a CAN interface: the task that receives its CAN frames opens the interface.
+/// Returns the object that opens connections of this bus: Modbus, OPC UA, lines of text, or the sensors of this
+/// computer. Returns `None` for a CAN interface: the task that receives its CAN frames opens the interface.
 pub fn dial(bus: &Bus) -> Option<Box<dyn connection::Dial>> {
     (kinds::of(bus.transport).dial)(bus)
 }

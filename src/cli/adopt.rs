@@ -67,7 +67,10 @@ fn write(
     });
     let [(name, preference)] = adopted.as_slice() else {
         match adopted.len() {
-            0 => anyhow::bail!("the saved state in {} contains no adopted model", directory.display()),
+            0 => {
+                let of = axis.map_or_else(String::new, |axis| format!(" of axis {axis}"));
+                anyhow::bail!("the saved state in {} contains no adopted model{of}", directory.display())
+            }
             _ => anyhow::bail!("several axes follow a learned model: select one with --axis"),
         }
     };

@@ -289,8 +289,8 @@ fn report(
     }
     if arguments.machine == linuxcnc::MACHINE {
         say!(
-            "During the demo, LinuxCNC moved Z and cut a part. These figures contain only the offset that LinuxCNC \
-             applied."
+            "During the demo, LinuxCNC moved Z and cut a part. Only the offset that LinuxCNC applied is part of \
+             these figures."
         )?;
     }
     say!("The machine is a simulation. The coefficients were identified on another simulated day.")?;

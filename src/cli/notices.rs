@@ -18,8 +18,8 @@ pub(super) fn trust(notify: &Notify) -> Trust {
     tls::plant_client(notify.ca.as_ref().map(|ca| ca.bytes.as_slice())).map(Arc::new)
 }
 
-/// Returns the token files and certificates that cannot be used, each with the reason. Empty if the gateway can send
-/// messages to every server of the profile.
+/// Returns the token files and certificates that cannot be used, each with the reason. Empty if all these files
+/// are usable.
 pub(super) fn hindered(profile: &Profile) -> Vec<String> {
     let of = |notify: &Notify| {
         let token = notify.token_file.as_ref().and_then(|path| read_token(path).err());

@@ -54,7 +54,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     }
     let Some(profile) = arguments.target.load(arguments.json)? else {
         return Err(wrong_arguments(
-            "give a PROFILE, or a bus line and a register: --bus tcp://HOST --register holding:0",
+            "give a PROFILE, or a bus line, a unit and a register: --bus tcp://HOST --unit 1 --register holding:0",
         ));
     };
     if arguments.target.bus.is_some() || arguments.target.timeout.is_some() {

@@ -47,7 +47,7 @@ pub fn remedy(fault: Fault, question: Question<'_>) -> String {
             let modicon = from.modicon();
             let below = match from.offset.checked_sub(1) {
                 Some(below) if values == 1 => format!(
-                    ": try {}:{below}; you can also write the Modicon number, for example {modicon}",
+                    ": try {}:{below}. If {modicon} is the Modicon number in the manual, write {modicon}",
                     from.table.name()
                 ),
                 _ => fewer(values).to_owned(),

@@ -24,7 +24,8 @@ const IN_VAIN: u32 = 8;
 pub(super) struct LocalTcp {
     stream: TcpStream,
     is_local: bool,
-    /// Number of consecutive attempts to read at once that found no answer.
+    /// Number of consecutive attempts to read at once that found no answer. At [`IN_VAIN`], requests without an attempt
+    /// are counted too.
     in_vain: u32,
     /// Whether the next read may be tried at once: a request was sent, and no such attempt was made for its answer.
     /// After one attempt the stream waits in the event queue, so that a peer that never stops sending blocks no other

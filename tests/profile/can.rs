@@ -380,7 +380,7 @@ fn a_can_line_is_explained_in_words_and_figures() {
         "    object 6150:01, u8, every 1s: column_status",
         "    before arming and every 1m object 6110:01 must read 3: sensor type of channel 1",
         "    emergency 0xff01: open thermocouple",
-        "    sends 0x20c, 8 bytes, initially 00 00 00 00 00 00 01 00, with the values of shown_x",
+        "    sends 0x20c, 8 bytes: 00 00 00 00 00 00 01 00, into which the values of shown_x are inserted",
         "  column: 0x185, 16 bits from 0 up (Intel), signed, from axtc, 0.0625 °C per count; rejected at raw \
          -1 or -512 (open circuit)",
         "  coolant: 0x100, 16 bits from 7 down (Motorola), signed, from canmod, 0.1 °C per count",

@@ -455,8 +455,8 @@ fn stand_ins_say_who_is_watched_and_for_whom_others_stand_in() {
         of(&loaded).watched().map(|(_, replaces)| replaces).collect::<Vec<_>>(),
         [Replaces::FrozenOrLost, Replaces::Nothing]
     );
-    let words = "2 sensors are checked for frozen readings; other sensors replace a frozen or lost bed; no \
-                 other sensors replace a frozen or lost wheelhead";
+    let words = "2 sensors are checked for frozen readings; if frozen or lost, other sensors replace bed; \
+                 no other sensors replace wheelhead";
     assert!(reported(&loaded).contains(words), "{}", reported(&loaded));
     let one = watched(&STAND_INS.replace(", { \"signal\": \"scale_z\", \"lag_s\": 0, \"gain\": 0.001 }", ""));
     let one = of(&one);

@@ -39,7 +39,7 @@ fn a_lag_a_slope_levels_and_a_datum_are_taken() {
          Cz changes by +0.7 µm",
         "beyond ±30 µm the gateway warns",
         "a model value beyond ±60 µm switches the axis off until it is armed",
-        "Cz is the change since the last zero command",
+        "Cz is the change of the model's value since the last zero command",
     ] {
         assert!(reported.contains(words), "`{words}` is not in:\n{reported}");
     }

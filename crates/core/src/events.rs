@@ -422,8 +422,8 @@ catalogue! {
     LogsDeleted = info("logs-deleted");
     /// The web page cannot listen at its address.
     PageClosed = warning("page-closed").raises("page at {listen}")
-        .hint("free the address, or write another address into the profile; the gateway tries again every ten seconds, and the \
-               compensation continues");
+        .hint("free the address, or set another address; the gateway tries again every ten seconds, and the compensation \
+               continues");
     /// The web page listens at its address now.
     PageOpen = info("page-open").ends(&["page at {listen}"]);
     /// A token file of the web page contains another token.
@@ -468,8 +468,8 @@ catalogue! {
     HostOnline = info("host-online").ends(&["primary host {host}"]);
     /// The OPC UA server of `[opcua_server]` cannot listen at its address, or has failed.
     OpcUaServerClosed = warning("opcua-server-closed").raises("OPC UA server at {listen}")
-        .hint("free the address, or write another address into the profile; the gateway tries again every ten seconds, and the \
-               compensation continues");
+        .hint("free the address, or set another address; the gateway tries again every ten seconds, and the compensation \
+               continues");
     /// The OPC UA server of `[opcua_server]` listens at its address now.
     OpcUaServerOpen = info("opcua-server-open").ends(&["OPC UA server at {listen}"]);
     /// The OPC UA server of `[opcua_server]` has refused a client, because its certificate is not trusted.

@@ -213,7 +213,7 @@ impl Record<'_> {
         let cost = mean(growths.into_iter());
         let reached = if cost <= SPOILT { "reached" } else { "MISSED" };
         println!(
-            "{:7} range, frozen in training    {cost:+6.1} %, at most {SPOILT} % (worst {worst:+.0} %): {reached}",
+            "{:7} range, 1 run frozen in training {cost:+6.1} %, at most {SPOILT} % (worst {worst:+.0} %): {reached}",
             self.error
         );
     }
@@ -292,7 +292,7 @@ impl Record<'_> {
         let (told, unreported) = (growth(|one| one.range.0), growth(|one| one.range_unnoticed));
         let reached = if told <= FROZEN { "reached" } else { "MISSED" };
         println!(
-            "{:7} range, sensor frozen       {told:+6.1} %, at most {FROZEN} % ({unreported:+.0} % if unnoticed): {reached}",
+            "{:7} range, 1 sensor frozen     {told:+6.1} %, at most {FROZEN} % ({unreported:+.0} % if unnoticed): {reached}",
             self.error
         );
         let mut after: Vec<f64> = all.iter().map(|one| one.noticed_after.unwrap_or(f64::INFINITY)).collect();

@@ -101,12 +101,13 @@ pub(crate) fn find(dataset: &Dataset, columns: &[usize], error: usize) -> Vec<Fi
         signal: dataset.columns[*column].name.clone(),
         reason: format!(
             "behaves like the air around the machine. After the {starts} starts of {}, this sensor warms by \
-             {:+.2} °C in {AFTER_START} min (the fastest sensor by {start:+.1} °C). This speed \
-             explains at most {:.0} % of its variance. The sensor never changes faster than {:.1} °C in 20 \
-             min. A smooth curve over time explains {:.0} % of its variance; its correlation with the error \
+             {:+.2} °C in {AFTER_START} min (the fastest sensor by {start:+.1} °C). The speed of {} \
+             explains at most {:.0} % of its variance, with any lag. The sensor never changes faster than \
+             {:.1} °C in 20 min. A smooth curve over time explains {:.0} % of its variance; its correlation with the error \
              is r = {:+.2}",
             dataset.columns[load].name,
             of.start,
+            dataset.columns[load].name,
             100.0 * of.load,
             of.fastest,
             100.0 * of.time,

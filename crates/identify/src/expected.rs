@@ -55,7 +55,9 @@ type Row = (f64, f64, f64);
 /// Returns the reason why no expected error is known: all residuals are zero, or there are fewer than three runs. Two
 /// runs are too few, because each held-out model would be identified from one run only.
 pub(crate) fn expected(held_out: &[HeldOut]) -> Result<Expected, &'static str> {
-    is_enough(held_out).ok_or("at least three runs are needed, because each run is held out in turn")?;
+    is_enough(held_out).ok_or(
+        "at least three runs are needed: a held-out run is tested with a model from at least two others",
+    )?;
     let used = preferred(held_out.iter(), 3);
     let all = |rows: fn(&HeldOut) -> Vec<Row>| growth(used.iter().flat_map(|held| rows(held)).collect());
     let since_datum = all(since_datum).ok_or("the residual error is zero in every held-out run")?;

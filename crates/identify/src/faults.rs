@@ -112,7 +112,7 @@ pub(super) struct Fault {
 /// Kind of damage that a fault causes in a run. Damage of a kind that comes first is repaired first.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) enum Damage {
-    /// Spikes: single log rows with wrong readings.
+    /// Spikes: a few successive log rows with wrong readings, after which the readings return.
     Spikes,
     /// Jump: a step that shifts the readings in all later log rows.
     Jump,
@@ -173,7 +173,7 @@ impl Fault {
         Fault { column, run: Some(run), message, damage: Damage::Frozen, rows }
     }
 
-    /// Returns the freeze as a finding about the sensor. The text `more` is added to the message.
+    /// Returns the fault as a finding about the sensor. The text `more` is added to the message.
     pub(super) fn finding(&self, dataset: &Dataset, more: &str) -> Finding {
         let run = self.run.map(|run| format!(" in {}", dataset.runs[run].name)).unwrap_or_default();
         let signal = dataset.columns[self.column].name.clone();

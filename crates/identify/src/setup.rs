@@ -161,8 +161,8 @@ pub fn ready<'a>(profile: &Profile, dataset: &'a Dataset, choice: &Choice) -> Re
                     why => why,
                 };
                 wrong.push(format!(
-                    "no log has a column `{name}` with the measured error in µm{why}. Write the name of that \
-                     column after --error"
+                    "no log has a column `{name}` with the measured error in µm (write the name of that column \
+                     after --error){why}"
                 ));
             }
             found

@@ -116,7 +116,11 @@ impl DbcFile {
             let why = why.to_string();
             let at = place(&why);
             let line = at.and_then(|(line, _)| shown(&text, line));
-            Wrong { at, ..Wrong::about("this line is not a valid entry of a DBC file", expected(&why, line)) }
+            let message = match at {
+                Some(_) => "this line is not a valid entry of a DBC file",
+                None => "the file contains an invalid entry of a DBC file",
+            };
+            Wrong { at, ..Wrong::about(message, expected(&why, line)) }
         };
         let dbc = beyond(|| Dbc::try_from(text.as_str())).map_err(panicked)?.map_err(unreadable)?;
         Ok(DbcFile { dbc, text })

@@ -102,7 +102,7 @@ pub fn put_machine_on(text: &str, signal: &str) -> Result<String, String> {
 }
 
 fn parsed(text: &str) -> Result<Table, String> {
-    text.parse::<Table>().map_err(|why| format!("the profile is not valid TOML: {}", why.message()))
+    text.parse::<Table>().map_err(|why| format!("the text is not valid TOML: {}", why.message()))
 }
 
 /// Returns the position of every table of a profile, in the order of the lines.

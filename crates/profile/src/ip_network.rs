@@ -34,7 +34,8 @@ impl IpNetwork {
         };
         match prefix {
             0 => Err(
-                "this network contains every address: write the addresses of the proxies, or a smaller network",
+                "this network contains every address: write the addresses of the proxies, or a network that contains \
+                 only the proxies",
             ),
             prefix if prefix > longest => {
                 Err("an IPv4 network has at most 32 leading bits, an IPv6 network at most 128")

@@ -15,7 +15,7 @@ pub const LARGEST: u64 = 16 * 1024 * 1024;
 /// Largest size of a profile or template, in bytes: enough for 5,000 devices with eight signals and an axis each.
 ///
 /// The check of a key needs fifty times the length of the key in memory, because the TOML reader keeps 48 bytes for
-/// each token. Under systemd, the memory of a gateway is limited to 1 GB.
+/// each token. Under systemd, a gateway and its successor during a restart share 1 GB.
 pub const LARGEST_PROFILE: u64 = 8 * 1024 * 1024;
 
 /// Opens a regular file for reading. Links are followed.
@@ -178,7 +178,7 @@ fn regular(metadata: &Metadata) -> io::Result<()> {
         return Ok(());
     }
     let text = format!(
-        "this is {}, not a regular file: give the path of a regular file",
+        "this is {}, not a regular file: put a regular file at this path, or give another path",
         what(metadata.file_type())
     );
     Err(io::Error::new(ErrorKind::InvalidInput, text))
@@ -209,7 +209,12 @@ mod tests {
         let found = [(pipe, "a named pipe"), (socket, "a socket"), (link, "a device")];
         for (path, what) in found.into_iter().chain([(directory.path().to_owned(), "a directory")]) {
             let why = read(&path, 1).unwrap_err().to_string();
-            assert_eq!(why, format!("this is {what}, not a regular file: give the path of a regular file"));
+            assert_eq!(
+                why,
+                format!(
+                    "this is {what}, not a regular file: put a regular file at this path, or give another path"
+                )
+            );
         }
     }
 

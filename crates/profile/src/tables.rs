@@ -220,7 +220,7 @@ impl Check<'_> {
                     ("signal", signal, message)
                 }
                 Clash::OfDates { signal } => {
-                    why = "programs would read the values in this column as dates";
+                    why = "its values would be read as dates, and the signal would be lost";
                     let message = format!("`{signal}` is the name of a column with dates in a log");
                     ("signal", signal, message)
                 }

@@ -3,7 +3,7 @@
 use std::fmt::Display;
 use std::time::Duration;
 
-/// Warning about a model that uses the temperatures at machine start, if no signal shows the start. The gateway then
+/// Warning about a model that depends on machine start, if no signal shows the start. The gateway then
 /// keeps the first good reading of its first run as the reference, also over restarts.
 pub const NO_MACHINE_START: &str = "The model counts from machine start, but no signal shows the start \
      ([machine] on). Without such a signal, the gateway always uses the reference temperature of its first run.";

@@ -59,7 +59,7 @@ pub(super) fn columns(path: &Path) -> anyhow::Result<Vec<Column>> {
 }
 
 fn unknown(path: &Path, column: &str) -> String {
-    format!("{} was not written by isotherm: no export has a column {column}", path.display())
+    format!("{} was not written by isotherm: no export has this column {column}", path.display())
 }
 
 fn open(path: &Path) -> anyhow::Result<(File, ParquetMetaData)> {
@@ -243,7 +243,7 @@ mod tests {
             let found: Vec<Column> = found.into_iter().map(|(name, kind)| (name.to_owned(), kind)).collect();
             Table::new(&mut File::create(&path).unwrap(), &found).unwrap().finish().unwrap();
             let why = columns(&path).unwrap_err().to_string();
-            assert!(why.ends_with(&format!("no export has a column {wrong}")), "{why}");
+            assert!(why.ends_with(&format!("no export has this column {wrong}")), "{why}");
         }
     }
 

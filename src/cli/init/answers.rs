@@ -98,9 +98,12 @@ impl Line {
     /// Parses the address of a line with frames of Modbus ASCII.
     fn parse_modbus_ascii(text: &str) -> Result<Line, String> {
         if let Some((port, _)) = text.split_once('?') {
-            return Err(format!(
-                "write only {port}: further questions ask for baud rate, parity and data bits"
-            ));
+            return Err(match port.starts_with("modbus-ascii+tcp") {
+                true => format!("write only {port}: the serial server has its own settings"),
+                false => {
+                    format!("write only {port}: further questions ask for baud rate, parity and data bits")
+                }
+            });
         }
         let line: LineAddress = text.parse()?;
         Ok(match line.transport {

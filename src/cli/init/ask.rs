@@ -178,7 +178,7 @@ impl Asking<'_, '_> {
         let base = match outline.is_movable {
             true => Some(self.text(
                 ("base", "First register of the module", Some("0")),
-                "The first register depends on the other modules of the same fieldbus coupler: see its configuration.",
+                "Register of the module's first channel at the coupler: it begins where the registers of the other modules end.",
                 self.arguments.base.as_deref(),
                 answers::base,
             )?),

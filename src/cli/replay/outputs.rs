@@ -86,8 +86,8 @@ pub fn replay_outputs(log: impl Read, name: &str) -> anyhow::Result<OutputsSumma
     }
     let left_out = unknown.into_iter().map(|(output, (line, rows))| {
         format!(
-            "{name}, line {line}: no row contains the register value with which output {output} begins; \
-             {rows} rows of this output are left out"
+            "{name}, line {line}: no row contains the state from which {output} continues; {rows} rows of {output} \
+             are left out"
         )
     });
     let warnings = reader.warnings().iter().cloned().chain(left_out).collect();

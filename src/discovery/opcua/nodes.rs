@@ -151,7 +151,7 @@ fn advice(wanted: &NodeRequirement<'_>, found: &Described) -> Vec<String> {
     }
     if !variable.is_readable {
         advice.push(
-            "this user may not read the node: give the user this right at the server, or enter another `user`"
+            "this user may not read the node: give the user this right at the server, or write another `user` for the bus"
                 .to_owned(),
         );
     } else if !found.status.is_good() {
@@ -159,8 +159,8 @@ fn advice(wanted: &NodeRequirement<'_>, found: &Described) -> Vec<String> {
     }
     if wanted.role == NodeRole::Written && !variable.is_writable {
         advice.push(
-            "this user may not write the node: give the user this right at the server, or enter another \
-             `user`. Is it the right node?"
+            "this user may not write the node: give the user this right at the server, or write another \
+             `user` for the bus. Is it the right node?"
                 .to_owned(),
         );
     }
@@ -183,13 +183,13 @@ fn wrong_type(wanted: &NodeRequirement<'_>, variable: &Value) -> Option<String> 
         ),
         // Without a value, the server does not say whether the node holds an array.
         _ if !*is_array && value.is_some() && node.element.is_some() => {
-            Some("the node holds one value: remove `element` from the profile".to_owned())
+            Some("the node holds one value: remove `element` of this signal".to_owned())
         }
         (_, None) if kind.is_empty() => None,
         // The texts of an array are not shown here, so whether they are numbers is not known.
         (None, None) if kind == TEXT && (is_number || *is_array) => None,
         (Some(_), None) if kind == TEXT && is_number => {
-            Some("the server sends the number as a text: remove `type` from the profile".to_owned())
+            Some("the server sends the number as a text: remove `type` of this signal".to_owned())
         }
         (_, None) => Some(format!("the value is {}, not a number: write another node", one(kind))),
         (Some(said), Some(known)) if said != *known => Some(format!(

@@ -95,7 +95,7 @@ const fn hint(fault: Fault) -> Option<&'static str> {
 pub(in crate::fieldbus) const fn status_hint(status: Status) -> &'static str {
     match status {
         _ if status.is(Status::ACCESS_DENIED) => {
-            "the user of the line lacks the permission: grant it at the server, or enter another `user`"
+            "the user of the line lacks the permission: grant it at the server, or write another `user` for the bus"
         }
         _ if status.is(Status::NOT_WRITABLE) => {
             "the server lets no client write this node: is it the right node, is writing switched on at the \

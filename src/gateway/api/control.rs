@@ -500,7 +500,7 @@ fn line(exchange: &Exchange, json: bool) -> String {
 fn ended(count: u64, dropped: u64) -> String {
     let left_out = match dropped {
         0 => String::new(),
-        dropped => format!(", {dropped} more exchanges are left out because the client was too slow"),
+        dropped => format!(", {dropped} more left out because the client was too slow"),
     };
     match count {
         0 => {

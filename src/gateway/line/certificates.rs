@@ -72,7 +72,7 @@ pub fn weak(profile: &Profile) -> Vec<String> {
         let is_refused =
             bus == SERVER && certificate.has_short_key() && clients.contains(&file.name.as_str());
         let (effect, remedy) = match is_refused {
-            true => ("The server refuses this client", "Replace it by a certificate with 2048 bits and SHA-256"),
+            true => ("The server refuses this client", "Replace this file by a certificate with 2048 bits and SHA-256"),
             false => ("The gateway uses it", remedy),
         };
         let file = &file.name;

@@ -45,7 +45,8 @@ pub(super) struct OutputRegister {
     failures: Failures,
     /// Failed requests to the register in which the control reports the applied value.
     failures_applied: Failures,
-    /// Writes that may still arrive, as they were last saved on disk. `None` if all writes were answered.
+    /// Writes that may still arrive, as they were last saved on disk. `None` if all writes were answered, and none is
+    /// remembered as late.
     on_disk: Option<InFlightWrites>,
     /// Version of the register ledger (saved record of the written values) that the disk has not stored yet, and the
     /// time at which saving began. `None` if saving is complete.

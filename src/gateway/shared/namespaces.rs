@@ -80,8 +80,8 @@ impl NamespaceWatch {
             let found = match located {
                 Located::Ambiguous => format!("the server has namespace {was} (ns={index}) more than once"),
                 Located::Unclear => format!(
-                    "the profile has new nodes with ns={index}. This index was namespace {was}, which now has \
-                     another index; it is now {is}"
+                    "the profile has new nodes with ns={index}: this index was namespace {was}, which now has another \
+                     index, and ns={index} is now {is}"
                 ),
                 _ => format!("the server no longer has namespace {was} (ns={index}); ns={index} is {is}"),
             };

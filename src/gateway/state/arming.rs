@@ -155,7 +155,7 @@ impl Arming {
     }
 
     /// Returns what the axis is requested to do, for the display: be armed, follow the model, or check the sign. An
-    /// axis without a model is requested to do nothing.
+    /// axis without a model is requested to do nothing, unless its sign is checked.
     pub(in crate::gateway) fn intent(&self, profile: &Profile, axis: usize) -> Intent {
         match self.sign {
             None if !profile.axes[axis].has_model() => Intent::Unmodelled,

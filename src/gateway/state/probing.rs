@@ -6,8 +6,8 @@
 //! error from before belongs to an earlier probing. Without a trigger, each change of the error shows a new probing.
 //! Two equal results in a row then count as one probing.
 //!
-//! The first value of a trigger, and the first value after a failed read, do not show a new probing. Such a probing
-//! may have been earlier, and the Cz (compensation value) that acted then is not known.
+//! The first value of a trigger, and the first value after a failed read, do not show a new probing. The probing may
+//! be an earlier one, and the Cz (compensation value) that acted then is not known.
 
 use isotherm_core::compensation::{Measured, Probed, Refused};
 use isotherm_core::explained::Explained;

@@ -69,7 +69,7 @@ fn parse(bytes: &[u8], axis: &str) -> Result<Offer, String> {
     let file: File = serde_json::from_slice(bytes)
         .map_err(|why| format!("the file is not a candidate of a model: {why}"))?;
     if file.format != FORMAT || file.version != VERSION {
-        return Err(format!("the file is not a candidate of a model in version {VERSION}"));
+        return Err(format!("the file is not a candidate file of version {VERSION}"));
     }
     if file.sha256 != seal(&file.offer)? {
         return Err("the checksum is wrong: the file was changed or damaged".to_owned());
@@ -137,7 +137,7 @@ mod tests {
         let text = std::fs::read_to_string(&path).unwrap();
         for (from, to, words) in [
             ("\"runs\":5", "\"runs\":6", "checksum is wrong"),
-            ("\"version\":1", "\"version\":2", "not a candidate of a model in version 1"),
+            ("\"version\":1", "\"version\":2", "not a candidate file of version 1"),
             ("isotherm-candidate", "isotherm-products", "not a candidate"),
             ("{\"format\"", "{\"forma\"", "the file is not a candidate of a model"),
         ] {

@@ -39,7 +39,7 @@ pub enum Comparison {
 /// this.
 pub(crate) fn found_worse(touches: usize, with: Micron, without: Micron) -> String {
     let shown = match touches {
-        0 => "as touches before the last datum (zero point of Cz) show".to_owned(),
+        0 => "touches before the last datum (zero point of Cz) show this".to_owned(),
         count => format!(
             "the residual error is {with} with the model, {without} without (root mean square of the last \
              {count} touches)"

@@ -365,7 +365,7 @@ events! {
             #[serde(rename = "late_s", serialize_with = "in_seconds")]
             late: Duration,
         } => plain(format!(
-            "output {output}: the last run has not recorded an orderly stop; the gateway waits {} for late writes before it \
+            "output {output}: an orderly stop of the last run is not known; the gateway waits {} for late writes before it \
              changes the register",
             duration_text(*late)
         ));

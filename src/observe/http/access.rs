@@ -42,7 +42,7 @@ use crate::observe::status::Command;
 
 /// Interval at which changed token files are read and wrong tokens are reported.
 const LOOK_EVERY: Duration = Duration::from_secs(1);
-/// Paths that every client may read, because the sign-in page needs them.
+/// Paths that every client may read: the health check, and the files of the sign-in page.
 const FOR_EVERYBODY: [&str; 4] = ["/healthz", "/login", "/page/login.css", "/page/icon.svg"];
 /// Only path that a client with the scraper's token may read.
 const FOR_SCRAPERS: &str = "/metrics";

@@ -20,7 +20,7 @@ const LARGEST_BODY: usize = 1024;
 pub(super) async fn for_one_host(request: Request, next: Next) -> Response {
     match names_one_host(&request) {
         true => next.run(request).await,
-        false => (StatusCode::BAD_REQUEST, "This request names more than one host. Send one header Host.\n")
+        false => (StatusCode::BAD_REQUEST, "This request names no host or two hosts. Send one header Host, with the same host as the request line.\n")
             .into_response(),
     }
 }

@@ -134,7 +134,7 @@ impl Fault {
             }
             Fault::NotAllowed => Explained::new(
                 "the broker does not allow the gateway to connect",
-                "write a `user` that may connect into the profile, or the path of a certificate into `tls`",
+                "write into the profile a `user` that may connect, or the paths of its certificate and key into `tls`",
             ),
             Fault::NotSubscribed(topic) => Explained::new(
                 format!("the broker refuses the subscription to {topic}"),

@@ -451,9 +451,9 @@ fn refusal_of_mqtt_5(code: u8) -> Fault {
 /// Converts a failed TLS handshake to a fault that contains the cause and a remedy.
 fn tls_fault(fault: TlsFault) -> Fault {
     let remedy = match fault {
-        TlsFault::OtherName => {
-            Some("write that name into `broker`, or the path of this certificate into `ca` of `tls`")
-        }
+        TlsFault::OtherName => Some(
+            "write that name into `broker`, or the path of this certificate into the profile: `tls = { ca = \"…\" }`",
+        ),
         TlsFault::UnknownAuthority => {
             Some("write the path of the authority's certificate into the profile: `tls = { ca = \"…\" }`")
         }

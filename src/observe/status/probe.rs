@@ -16,8 +16,8 @@ pub struct ProbeStatus {
     pub max_error_um: f64,
     /// Last probing, even if it was refused.
     pub last: Option<ProbedStatus>,
-    /// Last accepted probings, oldest first: the time, and the error that would have remained without the correction,
-    /// with the model's Cz alone, µm.
+    /// Last accepted probings, oldest first: the time, and the error that would have remained with the model's Cz and
+    /// the correction before this probing, µm.
     pub history: Vec<(String, f64)>,
     /// Changes of the model's gains that result from probings. Empty if probings do not change gains.
     pub gains: Vec<GainStatus>,

@@ -71,8 +71,8 @@ impl ServerNode {
         size.filter(|size| *size <= MOST_ELEMENTS)
     }
 
-    /// Adds another array element of the node that the profile names. Ignores a name of the whole node if other keys
-    /// name its elements.
+    /// Adds another mention of the node in the profile. Ignores it if it is known, or if it does not fit the first
+    /// mention: an array element and the whole node, or elements with another number of dimensions.
     fn add(&mut self, part: Node) {
         let rank = |part: &Node| part.element.as_ref().map(|element| element.indices().len());
         let fits = self.parts.first().is_some_and(|first| rank(first) == rank(&part));

@@ -102,13 +102,13 @@ impl FromStr for PcSensor {
         }
         let (kind, rest) = text.split_once(':').ok_or_else(|| match is_rom_id(text) {
             true => format!("`{text}` is a ROM id without `w1:` before it; write \"w1:{text}\""),
-            false => format!("`{text}` is not a sensor of this computer; {FORMS}"),
+            false => format!("`{text}` does not name a sensor of the computer; {FORMS}"),
         })?;
         match kind {
             "w1" => one_wire(rest),
             "hwmon" => channel(rest, "hwmon").map(PcSensor::Hwmon),
             "iio" => channel(rest, "iio").map(PcSensor::Iio),
-            _ => Err(format!("`{kind}` is not a kind of sensor of this computer; {FORMS}")),
+            _ => Err(format!("`{kind}` is not a kind of computer sensor; {FORMS}")),
         }
     }
 }
@@ -215,8 +215,8 @@ mod tests {
             ("w1:29-0316a2794f01", "the family code 29"),
             ("hwmon:", "something is missing"),
             ("hwmon:lm75/", "something is missing"),
-            ("input:0", "is not a kind of sensor"),
-            ("bed", "is not a sensor of this computer"),
+            ("input:0", "is not a kind of computer sensor"),
+            ("bed", "does not name a sensor of the computer"),
         ] {
             let why = text.parse::<PcSensor>().unwrap_err();
             assert!(why.contains(words), "{text}: {why}");

@@ -1,5 +1,5 @@
 //! One axis: its models, the limiters of Cz and slope (guards), and its state. Cz is the compensation value, which is
-//! added to the position of the axis. The slope is the part of Cz that is proportional to the position. The envelope of
+//! added to the position of the axis. The slope is the part of the compensation that depends on the position. The envelope of
 //! a model is the region of inputs on which the model was identified. A stand-in is an estimate that replaces the
 //! reading of a rejected sensor.
 

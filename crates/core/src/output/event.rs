@@ -173,7 +173,7 @@ impl fmt::Display for Doubt {
             }
             Doubt::Rebooted => "the register holds another value since a restart of the CNC",
             Doubt::LikeOurOwn => {
-                "two writes without an answer were each followed by a change of the same size"
+                "two writes without an answer were each followed by a change of exactly the size of the write"
             }
             Doubt::Unsteady => {
                 "the register held another value than written, twice in a row: the control limits the value, \

@@ -61,8 +61,8 @@ impl Conversion {
     }
 }
 
-/// Returns the name of each column without the unit in its header, and the unit. A name keeps its unit if another
-/// column has the same name without a unit.
+/// Returns the name of each column without the unit in its header, and the unit. A name keeps its unit if the name
+/// without the unit would not be unique.
 #[must_use]
 pub fn names_and_units(headers: &[String]) -> Vec<(String, String)> {
     let mut alike: HashMap<&str, usize> = HashMap::new();

@@ -107,7 +107,7 @@ pub(super) fn from_text(
     // A power cut may cut off the last row of a log of the gateway.
     let is_cut_off = is_of_gateway && ends_uneven && uneven.is_some_and(|(_, _, lines)| lines == 1);
     if let Some((line, cells, lines)) = uneven.filter(|_| !is_cut_off) {
-        let more = if lines > 1 { format!(", also in {} more lines", lines - 1) } else { String::new() };
+        let more = if lines > 1 { format!(" (also in {} more lines)", lines - 1) } else { String::new() };
         rows.refuse(line, None, uneven_row((cells, width), separator, &more));
     }
     rows.finish((2 + skipped + after, "there are no rows under the header"))
@@ -128,9 +128,9 @@ pub(super) fn uneven_row((cells, width): (usize, usize), separator: u8, more: &s
             "if the numbers contain decimal commas, write decimal points; a comma may only separate columns"
         }
         true => "each column needs a name",
-        false => "an empty cell must also be followed by a separator",
+        false => "write the separator also before and after an empty cell",
     };
-    format!("this row has {cells} cells, but there are {width} column names{more}: {hint}")
+    format!("this row has {cells} cells{more}, but there are {width} column names: {hint}")
 }
 
 /// Returns whether a row has a suitable number of cells. The last `unnamed` columns have no name, or are comments;

@@ -104,7 +104,8 @@ fn find(lines: &[&str]) -> Head {
     Head { skipped: skipped as u64, after: after as u64, units, rows }
 }
 
-/// Returns the index of the line with the column names; `None` if the first 64 KiB of the text have no such line.
+/// Returns the index of the line with the column names; `None` if none of the first 200 lines, or of the
+/// first 64 KiB, contains them.
 #[cfg(feature = "tables")]
 pub(super) fn line_of_names(text: &[u8]) -> Option<usize> {
     let sample = &text[..text.len().min(1 << 16)];

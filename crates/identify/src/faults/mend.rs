@@ -101,7 +101,9 @@ pub(crate) fn mend<'a>(logs: &'a Dataset, columns: &[usize], frozen: &[Frozen]) 
                 });
                 mending.faults.push(fault);
             }
-            (Some(None), _) => excluded.push(fault.finding(logs, ", and its readings cannot be rebuilt,")),
+            (Some(None), _) => {
+                excluded.push(fault.finding(logs, ", and the readings of this sensor cannot be repaired,"))
+            }
             _ => {
                 let share = shares.get(&fault.column).copied().unwrap_or_default();
                 let more = match fault.damage.is_frozen() && share > MASKED {
@@ -321,7 +323,11 @@ mod tests {
         assert!(mending.mended().runs[1].values[0].at(50).is_nan(), "nobody knows what it was");
         let whole = mend(&logs, &[0], &[frozen(0, 1, 0, 99)]);
         assert!(whole.mending.is_none() && whole.repaired.is_empty());
-        assert!(whole.excluded[0].reason.contains("its readings cannot be rebuilt"), "{:?}", whole.excluded);
+        assert!(
+            whole.excluded[0].reason.contains("the readings of this sensor cannot be repaired"),
+            "{:?}",
+            whole.excluded
+        );
     }
 
     #[test]

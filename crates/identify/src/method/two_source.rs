@@ -23,9 +23,9 @@ impl TwoSource {
         let waiting = places("--waiting", "run", &settings.waiting, &runs)?;
         if waiting.len() < 2 || waiting.len() == runs.len() {
             return Err(format!(
-                "the method two-source needs at least two runs in which the spindle does not turn, and at \
-                 least one other run. Write the names of the runs without a turning spindle after --waiting. \
-                 The runs are {}",
+                "the method two-source needs at least two runs in which the spindle does not turn, and others in \
+                 which it turns. Write the names of the runs without a turning spindle after --waiting, \
+                 separated by commas. The runs are {}",
                 runs.join(", ")
             ));
         }
@@ -45,8 +45,8 @@ impl TwoSource {
             runs.iter().copied().partition(|run| self.waiting.contains(run));
         if waiting.is_empty() || working.is_empty() {
             return Err(
-                "the method two-source needs one more run with a turning spindle and one more run without, \
-                 because each run is held out in turn"
+                "the method two-source needs at least two runs with a turning spindle and two without, because each \
+                 run is held out in turn"
                     .to_owned(),
             );
         }

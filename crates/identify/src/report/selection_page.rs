@@ -120,7 +120,7 @@ fn points(found: &Selected) -> Markup {
                  all runs. If a correlation is negative, the temperature of the point falls while the error \
                  rises."))
             (figure("Grey relational grade", &bars("grey relational grade of each point", |point| point.grey_grade),
-                "After Deng, ζ = 0.5. The grade is 1 if the curve of a point equals the curve of the error."))
+                "After Deng, ζ = 0.5. The grade is 1 if the curve of a point has the shape of the curve of the error."))
         }
     }
 }
@@ -129,7 +129,7 @@ fn groups(found: &Selected) -> Markup {
     html! {
         h2 { "Points with similar values" }
         p {
-            "Any two points of a group have at least the correlation of this threshold. The first point of a \
+            "Any two points of a group have at least the correlation in its heading. The first point of a \
              group has the highest correlation with the error, and can represent the others." }
         @for grouped in &found.groups {
             h3 { "by " (chart::tick(grouped.correlation)) " or more" }

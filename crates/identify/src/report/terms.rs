@@ -188,8 +188,8 @@ pub(super) fn stand_ins(found: &Identified) -> Markup {
             ":"
         }
         @for signal in &found.irreplaceable {
-            p { strong { (signal) } ": no other sensors and no other model can replace this sensor. Keep a \
-                                     spare sensor." }
+            p { strong { (signal) } ": without this sensor, the mean range of the residual error grows by more \
+                                     than a quarter. Keep a spare sensor." }
         }
         (table(&["lost", "mean range, µm", "worst run, µm", "mean RMS, µm",
             "worse runs", "what replaces it"], &rows))

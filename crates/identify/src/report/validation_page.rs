@@ -21,13 +21,7 @@ pub(super) fn headline(means: &Means, uncompensated: &Means) -> Markup {
             @for (what, left, before) in figures {
                 div { dt { (what) } dd { (number(left)) " µm" small { "without compensation " (number(before)) " µm" } } }
             }
-            div { dt { "range cut by" } dd { (cut(means.mean_range_um, uncompensated.mean_range_um)) small { "each \
-                                                                                                              run \
-                                                                                                              was \
-                                                                                                              held \
-                                                                                                              out \
-                                                                                                              in \
-                                                                                                              turn" } } }
+            div { dt { "range cut by" } dd { (cut(means.mean_range_um, uncompensated.mean_range_um)) small { "each run held out in turn" } } }
         }
     }
 }

@@ -205,8 +205,8 @@ fn removes_loads(card: &Card) -> bool {
 const REFUSED: [(&str, &str); 12] = [
     (
         "RADIATE",
-        "radiation is not linear; include it in the film coefficient: add 4·ε·σ·T³ to that of *FILM, about 0.005 \
-         mW/(mm²·K) at room temperature",
+        "radiation is not linear; write *FILM with a film coefficient that is greater by 4·ε·σ·T³ (about 0.005 \
+         mW/(mm²·K) at room temperature)",
     ),
     (
         "STATIC",
@@ -226,8 +226,8 @@ const REFUSED: [(&str, &str); 12] = [
     ),
     (
         "SRADIATE",
-        "radiation is not linear; include it in the film coefficient: add 4·ε·σ·T³ to that of *SFILM, about 0.005 \
-         mW/(mm²·K) at room temperature",
+        "radiation is not linear; write *SFILM with a film coefficient that is greater by 4·ε·σ·T³ (about 0.005 \
+         mW/(mm²·K) at room temperature)",
     ),
     (
         "EQUATION MPC TIE RIGIDBODY COUPLING CONTACTPAIR SURFACEINTERACTION GAPCONDUCTANCE",

@@ -45,7 +45,9 @@ const TYPES: [(&str, Option<Kind>, usize); 6] = [
 ];
 
 pub(super) fn elements(reader: &mut Reader, card: &Card) -> Result<(), Fault> {
-    let name = card.value("TYPE").ok_or_else(|| card.fault("the card names no TYPE: write C3D4 or C3D10"))?;
+    let name = card
+        .value("TYPE")
+        .ok_or_else(|| card.fault("the card names no TYPE: write TYPE=C3D4 or TYPE=C3D10"))?;
     let known = TYPES.iter().find(|(known, ..)| known.split(' ').any(|known| known == name));
     let (_, kind, nodes) = known.ok_or_else(|| {
         card.fault(format!("{name} is not read: mesh the structure with tetrahedra, C3D4 or C3D10"))

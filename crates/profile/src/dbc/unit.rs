@@ -12,7 +12,7 @@ pub(crate) enum FileUnit {
     Known(Unit),
     /// The text means a unit that a profile does not support, but that can be converted to a supported unit.
     Convertible {
-        /// Name of the unit for messages.
+        /// Text of the unit as it is in the file, for messages.
         written: String,
         /// Conversion to a unit of a profile.
         conversion: Conversion,

@@ -173,8 +173,8 @@ impl FileKind {
                  the same directory"
             }
             (FileKind::ModelBlock, _) => {
-                "insert the text of this file into the profile of the machine, instead of the tables \
-                 [[axis.….model]] of this axis"
+                "replace the tables [[axis.….model]] of this axis in the profile of the machine with the text of this \
+                 file"
             }
             (FileKind::FaultScript, _) => {
                 "give this file to the virtual machine: `isotherm virtual machine.toml --faults faults.toml`"

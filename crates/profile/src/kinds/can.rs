@@ -80,8 +80,7 @@ pub(super) static KIND: BusKind = BusKind {
     foreign_output_keys: output::foreign_keys,
     output: output::resolve,
     heartbeat: |_, at| {
-        let help =
-            "write the name of a Modbus device; a CANopen node monitors heartbeats itself, object 1016";
+        let help = "write the name of a Modbus device; a CANopen node has a heartbeat consumer of its own, object 1016";
         let message = "the heartbeat is written to a register, and this device has no registers";
         at.key("device").reject(message, help)
     },

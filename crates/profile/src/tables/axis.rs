@@ -150,7 +150,7 @@ impl Axis {
             sign += "; the position is a diameter, so twice Cz is written";
         }
         if self.settings.datum == Datum::Zero {
-            sign += "; Cz is the change since the last zero command";
+            sign += "; Cz is the change of the model's value since the last zero command";
         }
         let (limit, step, every, rate) =
             (guard.limit.get(), guard.step.get(), shown(self.settings.every), guard.rate.get());

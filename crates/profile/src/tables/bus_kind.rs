@@ -48,7 +48,7 @@ pub(crate) struct BusKind {
     pub(crate) only_read: Option<&'static str>,
     /// Whether the values of devices on this kind of bus are in registers.
     pub(crate) has_registers: bool,
-    /// Whether only one exchange can take place on a line at a time. Then the preview shows the load of the line.
+    /// Whether exchanges take up the time of a line, so that the preview shows its load.
     pub(crate) has_load: bool,
     /// Returns whether a line with an invalid `type` is of this kind, judging by its other keys.
     pub(crate) recognises: fn(&RawBus) -> bool,

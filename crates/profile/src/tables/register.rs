@@ -181,7 +181,8 @@ impl fmt::Display for Notation {
     }
 }
 
-/// Formats the order of a value's registers for the preview. `None` if the value has only one register.
+/// Formats the order of a value's registers for the preview. `None` if the value has only one
+/// register, or is not in registers.
 pub(crate) fn shown_order(address: &Address, encoding: &Encoding) -> Option<String> {
     let is_long = encoding.data_type.registers() > 1 && address.register().is_some();
     is_long.then(|| encoding.word_order.to_string())

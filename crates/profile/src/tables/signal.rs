@@ -112,7 +112,7 @@ pub(crate) struct RawSignal {
     /// Whether a read request may include adjacent registers of other signals. Default true.
     #[schemars(extend("x-layers" = "free"))]
     merge: Option<bool>,
-    /// Settings of a counting signal, for example a linear scale.
+    /// Settings of a counting signal, for example a linear scale: rollover and new reference.
     counter: Option<RawCounter>,
     /// CAN: message and signal in the device's DBC file: "Message.Signal". Long names are allowed.
     pub(crate) dbc: Option<String>,

@@ -278,7 +278,7 @@ impl<'a> Filling<'a> {
     }
 
     /// Adds an output to the output set of its device. Does nothing if the template has no set, or if the profile
-    /// already names a set for this output.
+    /// names another set for this output.
     fn set(&mut self, output: &str, device: &str, at: &str) {
         let Some(set) = self.known[device].set.clone() else { return };
         let note = format!("this value comes from template `{}`", self.templates[device].name);

@@ -65,7 +65,11 @@ pub(super) fn find(
     let file = format!("{DIRECTORY}/{name}.toml");
     let own = if name.bytes().all(plain) { files.text(&file) } else { Ok(None) };
     let own = own.map_err(|why| {
-        ("template", why, "check that this user has permission to read the template".to_owned())
+        (
+            "template",
+            why,
+            "check that the template is a TOML file in UTF-8 which this user may read".to_owned(),
+        )
     })?;
     let own_file = own.is_some().then(|| files.path(&file));
     let Some(text) = own.map(Arc::<str>::from).or_else(|| shipped::text(name).map(Arc::from)) else {

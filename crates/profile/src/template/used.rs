@@ -25,7 +25,7 @@ pub struct Template {
     pub notes: Vec<String>,
     /// Facts that were not verified with the manual or on the device.
     pub unverified: Vec<String>,
-    /// Checks of the template that the profile omits, each with the reason.
+    /// Checks of the template that are not made, each with the reason.
     pub unchecked: Vec<String>,
     /// Signals and outputs that use a channel of the template.
     pub uses: Vec<Use>,

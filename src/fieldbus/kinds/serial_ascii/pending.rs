@@ -29,8 +29,7 @@ impl PendingAnswers {
     }
 
     /// Returns how much longer answers may arrive. An answer can arrive until `span` after its request. For answers to
-    /// an earlier run of the program, half of `span` is enough, because the start of the program has taken at least the
-    /// other half.
+    /// an earlier run of the program, half of `span` is used, because the start of the program also takes time.
     pub fn wait_for_all(&mut self, now: Moment, span: Duration) -> Duration {
         self.asked.retain(|asked| now.since(*asked) < span);
         let least = if self.has_begun { Duration::ZERO } else { span / 2 };

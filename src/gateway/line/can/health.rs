@@ -93,8 +93,8 @@ impl Health {
         if self.full.read(full, now) {
             let what = Explained::new(
                 "the interface's queue is full; frames wait",
-                "does another node on the bus acknowledge frames? Is the bus overloaded? Otherwise, increase \
-                 `txqueuelen` of the interface",
+                "check that another node on the bus acknowledges frames, and that the bus is not overloaded. If neither \
+                 is the cause, increase `txqueuelen` of the interface",
             );
             changes.push(HealthChange::Worse { what, is_off: false });
         }

@@ -78,7 +78,8 @@ pub(super) fn fill(at: &KeyContext<'_>, text: &str, field: &Field) -> Option<Vec
     Some(bytes)
 }
 
-/// Adds to each device the frames that its outputs write. A frame is as long as the values of all its outputs require.
+/// Adds to each device the frames that its outputs write. A frame is as long as the values of all its
+/// outputs require, or as long as `fill`.
 pub(super) fn resolve(check: &mut Check<'_>) {
     let written = check.written_frames.borrow().clone();
     for (place, one) in written.iter().enumerate() {

@@ -106,7 +106,7 @@ impl CanDevice {
             let bytes: Vec<String> = frame.data().iter().map(|byte| format!("{byte:02x}")).collect();
             let kind = if frame.is_fd() { "CAN FD, " } else { "" };
             let (id, count, bytes, names) = (frame.id(), bytes.len(), bytes.join(" "), names.join(", "));
-            format!("sends {id}, {kind}{count} bytes, initially {bytes}, with the values of {names}")
+            format!("sends {id}, {kind}{count} bytes: {bytes}, into which the values of {names} are inserted")
         });
         let emergencies = self.emergencies.iter().map(|Emergency { code, mask, meaning }| {
             let bits = if *mask == u16::MAX { String::new() } else { format!(" in the bits of {mask:#06x}") };

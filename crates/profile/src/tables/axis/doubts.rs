@@ -52,7 +52,7 @@ pub(in crate::tables) fn warn(check: &Check<'_>, profile: &Profile) {
     if profile.machine.on.is_none() && !from_start.is_empty() {
         let names = from_start.join(" and ");
         let help = format!(
-            "these models use values at machine start: {names}. In [machine], write on = \"…\" with the \
+            "these models depend on machine start: {names}. In [machine], write on = \"…\" with the \
              signal that is 1 while the machine is on. Or write the references as numbers or \"zero\""
         );
         check.at("machine").warn_key(NO_MACHINE_START, Some(&help));

@@ -33,7 +33,7 @@ fn of_control(check: &Check<'_>, axis: &Axis, outputs: &[&Output]) -> Option<Int
     let name = &axis.settings.name;
     let at = check.at("axis").key(name);
     if axis.diameter {
-        let help = "remove `diameter`, and write the gains for the radius";
+        let help = "remove `diameter`, and keep the gains: they apply to the radius already";
         at.key("diameter")
             .wrong_key("a control that calculates K0 + tanβ·(P − P0) applies the result to the radius", help);
     }

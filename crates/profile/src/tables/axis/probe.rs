@@ -52,7 +52,7 @@ pub(super) struct RawProbe {
     /// Signals that the learned model must not use. Default: the learned model uses every temperature and every speed.
     learn_without: Option<Vec<String>>,
     /// Adoption of a learned model that is better than the model in use. "propose": an operator adopts it (default).
-    /// "auto": the gateway adopts it, but only when the datum (zero point of Cz) is set.
+    /// "auto": the gateway adopts it at the next datum: at a zero command, if datum = "zero", or else at a machine start.
     adopt: Option<AdoptWord>,
 }
 
@@ -230,8 +230,8 @@ pub(super) fn preview(signals: &[Signal], axis: &Axis, settings: &ProbeSettings)
     let share = match settings.filter {
         Filter::Share(share) => format!("{share} of the error"),
         Filter::Weighed { repeat, walk } => format!(
-            "a part of the error (larger if the correction is uncertain: ±{repeat} µm per probing, and a \
-             variance that grows by {walk} µm² per hour)"
+            "a part of the error (larger if the correction is more uncertain: ±{repeat} µm per probing, and for the \
+             correction a variance that grows by {walk} µm² per hour)"
         ),
     };
     let mut text = format!(

@@ -37,8 +37,8 @@ pub const TLS_PORT: u16 = 802;
 /// Settings of Modbus/TCP Security (TLS with certificates for both ends) on a line.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Tls {
-    /// Certificate that the gateway trusts on this line: the certificate of the device, or of the authority that signed
-    /// it.
+    /// File with the certificates that the gateway trusts on this line: of the device, or of the authority that signed
+    /// its certificate.
     pub ca: NamedFile,
     /// Certificate of the gateway.
     pub cert: NamedFile,
@@ -46,7 +46,7 @@ pub struct Tls {
     pub key: NamedFile,
     /// Name that the certificate of the device must contain.
     pub name: String,
-    /// Error at the position of the key `name`, without a message. [`Tls::wrong_name`] adds the message.
+    /// Error at the position of the key `name`, or of `ca` if there is no `name`, without a message. [`Tls::wrong_name`] adds the message.
     name_at: ProfileError,
 }
 
@@ -73,7 +73,7 @@ impl Tls {
         section
     }
 
-    /// Creates an error at the key `name`: no certificate can contain this name.
+    /// Creates an error at the key `name`, or at `ca` if there is no `name`: no certificate can contain this name.
     pub fn wrong_name(&self) -> ProfileError {
         let message = format!("`{}` cannot be the name in a certificate", self.name);
         ProfileError { message, ..self.name_at.clone() }

@@ -35,7 +35,7 @@ pub(crate) struct Conversion {
 pub(crate) struct Scaling {
     pub(crate) scale: Option<f64>,
     pub(crate) offset: Option<f64>,
-    /// Whether a template or a DBC file may set scale and offset.
+    /// Whether another layer, a template or a DBC file may set scale and offset.
     pub(crate) may_stand_elsewhere: bool,
     /// Whether a DBC file describes the value, so that the unit of the file may be converted.
     pub(crate) is_in_dbc: bool,

@@ -60,7 +60,7 @@ fn table(offers: &[Offer]) -> String {
 }
 
 /// Returns the strongest security mode with which the gateway could log in to the server, with any kind of user; `None`
-/// if the gateway supports none of the endpoints.
+/// if no endpoint that the gateway supports accepts such a user.
 fn strongest(offers: &[Offer]) -> Option<Security> {
     let order = [Security::SignAndEncrypt, Security::Sign, Security::None];
     let offered = |security: &Security| {

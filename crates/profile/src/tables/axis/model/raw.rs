@@ -61,7 +61,7 @@ pub(crate) struct RawModel {
     /// File that relates the sensors to each other. With the file, the gateway detects a frozen sensor, and calculates
     /// the reading of a frozen or lost sensor.
     pub(super) stand_ins: Option<String>,
-    /// SHA-256 of each file of the model, under the key with the path of the file. A changed file is rejected.
+    /// SHA-256 of each file of the model, under the name of the key that names the file. A changed file is rejected.
     /// `isotherm identify` writes these keys.
     pub(super) sha256: Option<RawSeals>,
     /// Only for kind = "matrix": signal with the position of the axis, mm.

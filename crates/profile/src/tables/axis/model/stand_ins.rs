@@ -151,9 +151,9 @@ pub(super) fn preview(signals: &[Signal], stand_ins: &StandIns) -> String {
     let are = if count == 1 { "is" } else { "are" };
     let mut text = format!("{} {are} checked for frozen readings", counted(count, "sensor"));
     let groups = [
-        (Replaces::FrozenOrLost, "other sensors replace a frozen or lost"),
-        (Replaces::Frozen, "other sensors replace a frozen, but not a lost"),
-        (Replaces::Nothing, "no other sensors replace a frozen or lost"),
+        (Replaces::FrozenOrLost, "if frozen or lost, other sensors replace"),
+        (Replaces::Frozen, "if frozen, but not if lost, other sensors replace"),
+        (Replaces::Nothing, "no other sensors replace"),
     ];
     for (wanted, words) in groups {
         let found = stand_ins.watched().filter(|(_, replaces)| *replaces == wanted);
