@@ -1,5 +1,5 @@
-//! `[device.*]`: one device on a bus line: a Modbus unit, a CAN device, an OPC UA server, a
-//! device that sends text, or sensors of this computer.
+//! `[device.*]`: one device on a bus line: a Modbus unit, a CAN device, an OPC UA server, a device that sends text, or
+//! sensors of this computer.
 
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -24,8 +24,8 @@ use verify::{Expected, RawVerify};
 mod resolve;
 pub(crate) mod verify;
 
-/// Device on a line: a Modbus unit, a CAN device, an OPC UA server, a
-//! device that sends text, or sensors of this computer.
+/// Device on a line: a Modbus unit, a CAN device, an OPC UA server, a device that sends text, or sensors of this
+/// computer.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 #[schemars(rename = "Device", extend("x-layers" = "arrives"))]
