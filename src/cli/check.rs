@@ -26,7 +26,7 @@ use isotherm_profile::preview::{self, Preview};
 use isotherm_profile::{DeviceId, Profile};
 
 /// Shows every error of the profile with its line. Without errors it shows the read plan, each register in both
-/// notations, everything that would be written, and in words in which direction each signal changes Cz.
+/// notations and everything that would be written. It says in words in which direction each signal changes Cz.
 #[derive(clap::Args, Debug)]
 #[command(
     after_help = "Examples:\n  isotherm check my-machine.toml\n  isotherm check my-machine.toml --online     asks the \

@@ -463,7 +463,7 @@ fn stand_ins_say_who_is_watched_and_for_whom_others_stand_in() {
     assert!(one.watched().all(|(_, replaces)| replaces == Replaces::Nothing), "one other is too few");
     let unfit = watched(&STAND_INS.replace("\"stands_in\": true", "\"stands_in\": false"));
     assert_eq!(of(&unfit).watched().next().unwrap().1, Replaces::Frozen);
-    let words = "other sensors replace a frozen, but not a lost bed";
+    let words = "if frozen, but not if lost, other sensors replace bed";
     assert!(reported(&unfit).contains(words), "{}", reported(&unfit));
     assert_eq!(of(&loaded), of(&watched(STAND_INS)), "the same file is the same");
     let other = of(&watched(&STAND_INS.replace("0.31", "0.32")));

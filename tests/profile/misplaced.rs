@@ -32,7 +32,7 @@ fn a_file_of_another_kind_as_the_profile_is_one_error_that_names_it() {
     is_named(LOG.replace(',', ";").replace('.', ",").as_bytes(), &["a log, not a profile"]);
     is_named(TEMPLATE.as_bytes(), &["a device template, not a profile", "devices/NAME.toml"]);
     is_named(PLANT.as_bytes(), &["the description of a plant, not a profile", "isotherm virtual"]);
-    is_named(BLOCK.as_bytes(), &["a model block, not a profile", "insert the text of this file"]);
+    is_named(BLOCK.as_bytes(), &["a model block, not a profile", "replace the tables [[axis."]);
     is_named(b"[[fault]]\ndevice = \"m\"\nkind = \"silent\"\n", &["a fault script", "--faults"]);
     is_named(b"BU_: A\nBO_ 2 Top: 8 A\n", &["a DBC file, not a profile", "dbc = "]);
     is_named(b"[FileInfo]\nFileName=a.eds\n", &["an EDS file, not a profile"]);

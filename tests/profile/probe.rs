@@ -66,13 +66,13 @@ fn a_probing_is_weighed_unless_the_profile_names_a_share() {
         (
             "",
             Filter::Weighed { repeat: 0.5, walk: 4.0 },
-            "±0.5 µm per probing, and a variance that grows by 4 µm² per hour",
+            "±0.5 µm per probing, and a variance of the correction that grows by 4 µm² per hour",
         ),
         ("repeat = 0.2\n", Filter::Weighed { repeat: 0.2, walk: 4.0 }, "±0.2 µm per probing"),
         (
             "q = 0.81\n",
             Filter::Weighed { repeat: 0.5, walk: 0.81 },
-            "a variance that grows by 0.81 µm² per hour",
+            "a variance of the correction that grows by 0.81 µm² per hour",
         ),
         ("filter = 1.0\n", Filter::Share(1.0), "by 1 of the error"),
     ] {

@@ -385,8 +385,8 @@ mod tests {
         (axis["probe"]["worse"]["touches"], axis["probe"]["worse"]["ramps"]) = (json!(0), json!(true));
         assert!(
             lines(&axis).ends_with(
-                "\n  the model is worse than no compensation: as touches before the \
-                 last datum (zero point of Cz) show; Cz goes to zero until touches show that the model is better\n"
+                "\n  the model is worse than no compensation: touches before the \
+                 last datum (zero point of Cz) show this; Cz goes to zero until touches show that the model is better\n"
             ),
             "{}",
             lines(&axis)

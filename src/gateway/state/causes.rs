@@ -217,7 +217,7 @@ fn lacking(
         .into(),
         Unusable::MachineOff => Explained::new("no machine start detected yet", RUN_IT),
         Unusable::NotANumber => Explained::new(
-            "the model's result is not finite",
+            "the model gives no number",
             "check the coefficients of the model and the values of its signals",
         ),
     }

@@ -170,8 +170,8 @@ impl ReturningRegister {
             (Some(was), Some((is, _))) if (is - was).abs() <= self.grain_um => Ok(()),
             (Some(was), Some((is, _))) => Err(Explained::new(
                 format!(
-                    "{place} holds {is:.1} µm in addition to the {ours:.1} µm of the gateway, but the operator offset was \
-                     {was:.1}: perhaps the gateway share was removed by hand"
+                    "{place} holds {is:.1} µm besides the {ours:.1} µm of the gateway, but the operator offset was \
+                     {was:.1} µm. Perhaps the gateway share was removed by hand"
                 ),
                 compare,
             )),

@@ -134,7 +134,7 @@ impl Fault {
             }
             Fault::NotAllowed => Explained::new(
                 "the broker does not allow the gateway to connect",
-                "write into the profile a `user` that may connect, or the paths of its certificate and key into `tls`",
+                "write a `user` that may connect, or the paths of its certificate and key in `tls`, into the profile",
             ),
             Fault::NotSubscribed(topic) => Explained::new(
                 format!("the broker refuses the subscription to {topic}"),

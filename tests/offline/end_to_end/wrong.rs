@@ -33,8 +33,8 @@ fn a_log_that_is_no_such_csv_is_reported_with_what_to_write() {
     all_refuse(
         &with_commas,
         &[
-            "cells, but there are 6 column names, also in",
-            "more lines",
+            "cells (also in",
+            "more lines), but there are 6 column names",
             "decimal commas, write decimal points",
         ],
     );

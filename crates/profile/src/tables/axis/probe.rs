@@ -230,8 +230,8 @@ pub(super) fn preview(signals: &[Signal], axis: &Axis, settings: &ProbeSettings)
     let share = match settings.filter {
         Filter::Share(share) => format!("{share} of the error"),
         Filter::Weighed { repeat, walk } => format!(
-            "a part of the error (larger if the correction is more uncertain: ±{repeat} µm per probing, and for the \
-             correction a variance that grows by {walk} µm² per hour)"
+            "a part of the error (±{repeat} µm per probing, and a variance of the correction that grows by {walk} µm² \
+             per hour)"
         ),
     };
     let mut text = format!(
