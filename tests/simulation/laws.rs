@@ -143,11 +143,6 @@ impl Laws {
         }
     }
 
-    /// Returns whether both sensors were read recently, and no other value was used as their reading.
-    pub(crate) fn has_readings(&self, now: Duration) -> bool {
-        self.read_at.iter().all(|asked| is_recent(*asked, now)) && self.signs.has_no_mistake(now)
-    }
-
     /// Records a reply with the type code of the module, which had this code at `seen_at`.
     pub(crate) fn checks(&mut self, is_expected: bool, seen_at: Duration, now: Duration) {
         let ours = self.ours();
@@ -418,6 +413,11 @@ impl Register {
     /// Returns whether the gateway has read the last change by another client.
     pub(crate) fn is_known(&self) -> bool {
         self.moved_at.is_none_or(|moved| self.shown.is_some_and(|(at, _)| at > moved))
+    }
+
+    /// Returns whether the gateway has read the present value.
+    pub(crate) fn is_shown(&self) -> bool {
+        self.shown.is_some_and(|(_, shown)| shown == self.value)
     }
 
     /// Returns whether the gateway has recently sent this value. An operator does not enter it.

@@ -209,8 +209,7 @@ pub(crate) fn befalls(world: &mut World, what: Happening, now: Duration) {
         }
         Happening::SecondMaster(habit, span) => {
             let span = span.min(left_of_storm(now));
-            let has_readings = world.machine.laws.has_readings(now);
-            world.other.comes(habit, has_readings, now, span);
+            world.other.comes(habit, now, span);
             world.did(now, "another master asks the module for s", span.as_secs());
         }
         Happening::Deaf(span) => {

@@ -15,13 +15,6 @@
 //! Before such a sign, a reply of the other master may arrive for an open request of the same form. It may move
 //! registers as long as a reading is used. A sign that a gateway reads while it waits for late replies does not count,
 //! because the gateway discards them.
-//!
-//! Two limits of the gateway are not part of the law, and the simulation avoids them, see [`OtherMaster::comes`]:
-//!
-//! - Two replies of the other master in a row are consistent. Only the last good reading shows that they are wrong, by
-//!   `max_rate`. A gateway without a recent reading uses them.
-//! - A reply that was used before the first sign is the last good reading for `max_rate`. Until that allows the
-//!   difference, true readings are rejected, and two further replies of the other master in a row are used.
 
 use std::time::Duration;
 
@@ -46,8 +39,6 @@ const LEFT_OUT: Duration = Duration::from_secs(3);
 /// Maximum time for which the other master is synchronous with the gateway, and the absence that it requires.
 const LONGEST_IN_STEP: Duration = Duration::from_secs(60);
 const AWAY: Duration = Duration::from_secs(120);
-/// Time after which a mistaken reading has no effect: `max_rate` has allowed the true readings again.
-const RECOVERED: Duration = Duration::from_secs(600);
 
 /// Behaviour of the other master during one visit.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -126,12 +117,12 @@ impl Content {
 }
 
 impl OtherMaster {
-    /// Begins a visit of the other master. It is synchronous with the gateway only if the gateway has recently used a
-    /// good reading. `has_reading` is whether the readings are recent and none was mistaken.
-    pub(crate) fn comes(&mut self, habit: Habit, has_reading: bool, now: Duration, span: Duration) {
+    /// Begins a visit of the other master. It is synchronous with the gateway for at most [`LONGEST_IN_STEP`], and only
+    /// after an absence of [`AWAY`].
+    pub(crate) fn comes(&mut self, habit: Habit, now: Duration, span: Duration) {
         let was_away = self.until.is_zero() || now.saturating_sub(self.until) >= AWAY;
         let (turns, span) = match habit.turns {
-            Turns::InStep if was_away && has_reading => (Turns::InStep, span.min(LONGEST_IN_STEP)),
+            Turns::InStep if was_away => (Turns::InStep, span.min(LONGEST_IN_STEP)),
             _ => (Turns::Free, span),
         };
         (self.habit, self.until, self.next_at) = (Habit { turns, ..habit }, now + span, now);
@@ -338,11 +329,6 @@ impl Signs {
     /// Time of the last request that was answered by the other master before the first sign.
     pub(crate) fn mistaken_at(&self) -> Option<Duration> {
         self.mistaken_at
-    }
-
-    /// Returns whether no reply of the other master was recently used as a reading.
-    pub(crate) fn has_no_mistake(&self, now: Duration) -> bool {
-        self.mistaken_at.is_none_or(|at| now.saturating_sub(at) > RECOVERED)
     }
 }
 

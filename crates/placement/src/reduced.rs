@@ -43,7 +43,7 @@ pub enum ReducedError {
         "{0} is not allowed in a plant: heat enters a plant only through fluxes and films on named surfaces"
     )]
     OtherHeat(&'static str),
-    /// The same name is used for a film and for a flux.
+    /// One name for a film and for a flux; contains the name.
     #[error("`{0}` is both a film and a flux: use a surface with another name for one of them")]
     Twice(String),
     /// The fluxes of a port are zero, or cancel each other.

@@ -56,7 +56,7 @@ pub fn read_text(path: &Path) -> io::Result<String> {
 /// Reads the text of a regular file of at most `largest` bytes, in UTF-8.
 ///
 /// # Errors
-/// The same errors as for [`read_text`].
+/// The errors of [`read_text`].
 pub fn read_text_of(path: &Path, largest: u64) -> io::Result<String> {
     String::from_utf8(read(path, largest)?)
         .map_err(|_| io::Error::new(ErrorKind::InvalidData, "the file is not a text in UTF-8"))

@@ -17,6 +17,12 @@ use serde::{Deserialize, Serialize};
 
 /// Number of consecutive steps with a new reason, after which the new reason of a bad signal is reported.
 const CHANGED_AFTER_STEPS: u32 = 2;
+/// Number of ambiguous values in a row that must agree, if the last good value is recent. An ambiguous value may be the
+/// answer to a request of another master.
+const AGREEING: u32 = 2;
+/// The same number without a recent good value, for a signal with `max_rate`. Values of the other master then agree with
+/// each other, and nothing shows that they are wrong. Only over many reads do values of the gateway's own come between.
+const AGREEING_WITHOUT_GOOD: u32 = 30;
 
 /// Table of all signals of the profile. Each list contains one item for each signal, in the order of the profile.
 #[derive(Debug)]
@@ -25,7 +31,7 @@ pub(in crate::gateway) struct SignalTable {
     /// Filter of each signal, which rejects a value that has changed too fast since the last good value.
     rates: Vec<RateFilter>,
     /// Last value that the gateway read for each signal, before any check, with its time.
-    read: Vec<Option<(Result<f64, Reason>, Moment)>>,
+    read: Vec<Option<LastRead>>,
     /// State of each signal that is a counter; `None` for other signals.
     counters: Vec<Option<Box<CounterState>>>,
     /// Scale of each signal whose scale is in another register. `None` for other signals, and before the first read.
@@ -46,6 +52,15 @@ struct CounterState {
     /// Positions before and after the counter was set to another value without a movement. `None` if no such change
     /// must be reported.
     rereferenced: Option<(f64, f64)>,
+}
+
+/// Value of a signal before any check.
+#[derive(Clone, Copy, Debug)]
+struct LastRead {
+    value: Result<f64, Reason>,
+    at: Moment,
+    /// Number of values in a row, up to this one, each of which agrees with the one before.
+    agreeing: u32,
 }
 
 /// Cause of a signal's fault, and the time at which the fault began.
@@ -166,7 +181,7 @@ impl SignalTable {
         breaks: u64,
     ) {
         self.latest.failing[id.0] = None;
-        self.read[id.0] = Some((value, at));
+        self.read[id.0] = Some(LastRead { value, at, agreeing: 1 });
         let position = value.and_then(|value| self.position(id, value, at));
         let (rules, scale) = (self.latest.rules[id.0], &mut self.scales[id.0]);
         let assessed = position.and_then(|value| {
@@ -240,9 +255,10 @@ impl SignalTable {
     }
 
     /// Stores a value that may be the answer to a request of another master. The value is used only if it agrees with
-    /// the value read before. The two values agree if their difference is within the `max_rate` of the profile.
-    /// Without `max_rate` in the profile they must be equal, because the default is too wide to distinguish two
-    /// masters. Otherwise, the last good value is used until it is stale.
+    /// the values read before: with one if the last good value is not older than `max_age`, otherwise with
+    /// [`AGREEING_WITHOUT_GOOD`] in a row. Two values agree if their difference is within the `max_rate` of the
+    /// profile. Without `max_rate` in the profile, two values must be equal, because the default is too wide to
+    /// distinguish two masters. Otherwise, the last good value is used until it is stale.
     pub(in crate::gateway) fn store_ambiguous(
         &mut self,
         id: SignalId,
@@ -252,19 +268,23 @@ impl SignalTable {
     ) {
         let (rate, max_age) =
             (self.latest.profile.signal(id).max_rate, self.latest.profile.signal(id).max_age);
-        let before = self.read[id.0].replace((value, at)).filter(|(_, taken)| at.since(*taken) <= max_age);
-        let agrees = match (value, before, rate) {
-            (Ok(value), Some((Ok(before), taken)), Some(rate)) => {
-                !is_too_fast((value, at), (before, taken), rate)
-            }
-            (value, Some((before, _)), _) => value == before,
-            (_, None, _) => false,
+        let agrees = |before: &LastRead| match (value, before.value, rate) {
+            (Ok(value), Ok(other), Some(rate)) => !is_too_fast((value, at), (other, before.at), rate),
+            (value, other, _) => value == other,
         };
-        if agrees {
+        let before = self.read[id.0].filter(|before| at.since(before.at) <= max_age && agrees(before));
+        let agreeing = before.map_or(1, |before| before.agreeing.saturating_add(1));
+        let is_comparable = self.rates[id.0].age_of_good(at).is_some_and(|age| age <= max_age);
+        let needed = match value {
+            Ok(_) if rate.is_some() && !is_comparable => AGREEING_WITHOUT_GOOD,
+            _ => AGREEING,
+        };
+        if agreeing >= needed {
             self.store(id, value, at, breaks);
         } else {
             self.fail(id, Reason::BadReply);
         }
+        self.read[id.0] = Some(LastRead { value, at, agreeing });
     }
 
     /// Marks the last reading as doubtful, because it may be the answer to a request of another master. This master

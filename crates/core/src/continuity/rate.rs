@@ -123,6 +123,11 @@ impl RateFilter {
         }
     }
 
+    /// Returns the age of the last good value of this run of the gateway. `None` before the first good value.
+    pub fn age_of_good(&self, now: Moment) -> Option<Duration> {
+        self.good.map(|(_, taken)| now.since(taken))
+    }
+
     /// Returns whether a value was rejected because of a jump across a break, and no value has been accepted since.
     pub fn has_jumped(&self) -> bool {
         self.jump.is_some()

@@ -241,7 +241,7 @@ impl Dialect {
     /// Returns the meaning of a cell.
     ///
     /// # Errors
-    /// As [`Dialect::number`].
+    /// The errors of [`Dialect::number`].
     pub fn cell<'a>(&mut self, text: &'a str) -> Result<Cell<'a>, String> {
         let text = text.trim();
         // Most cells of most logs are plain numbers.

@@ -243,6 +243,41 @@ fn an_ambiguous_value_is_used_only_if_the_one_before_it_agrees() {
     assert_eq!(quality(&mut board, at(22)), Quality::Bad(Reason::TooFast));
 }
 
+/// Without a recent good value, nothing shows that the values of another master are wrong. Before a true value came
+/// between, 29 of them agreed.
+#[test]
+fn without_a_recent_good_value_thirty_ambiguous_values_in_a_row_must_agree() {
+    let profile = profile();
+    let ambiguous = |board: &mut SignalTable, seconds: std::ops::Range<u64>, value: f64| {
+        for second in seconds {
+            board.store(OPEN, Ok(0.0), at(second), 0);
+            board.store_ambiguous(BED, Ok(value), at(second), 0);
+        }
+    };
+    let mut after_a_start = SignalTable::new(&Arc::new(profile.clone()));
+    ambiguous(&mut after_a_start, 1..30, 41.2);
+    assert_eq!(after_a_start.value(BED, at(29)), None, "29 agree");
+    ambiguous(&mut after_a_start, 30..31, 21.0);
+    ambiguous(&mut after_a_start, 31..60, 41.2);
+    assert_eq!(after_a_start.value(BED, at(59)), None, "29 agree again");
+    ambiguous(&mut after_a_start, 60..61, 41.2);
+    assert_eq!(after_a_start.value(BED, at(60)), Some(41.2));
+
+    let mut after_a_gap = board(&profile);
+    ambiguous(&mut after_a_gap, 100..129, 22.0);
+    assert_eq!(after_a_gap.value(BED, at(128)), None, "the rate would allow the change by now");
+    ambiguous(&mut after_a_gap, 129..130, 22.0);
+    assert_eq!(after_a_gap.value(BED, at(129)), Some(22.0));
+
+    // A bad value moves nothing, and must be reported soon.
+    let mut broken = SignalTable::new(&Arc::new(profile.clone()));
+    broken.store(OPEN, Ok(0.0), at(1), 0);
+    for second in [1, 2] {
+        broken.store_ambiguous(BED, Err(Reason::OpenCircuit), at(second), 0);
+    }
+    assert_eq!(quality(&mut broken, at(2)), Quality::Bad(Reason::OpenCircuit));
+}
+
 #[test]
 fn without_max_rate_two_values_agree_if_they_are_the_same() {
     let profile = profile();

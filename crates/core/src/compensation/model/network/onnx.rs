@@ -51,7 +51,7 @@ impl Onnx {
     /// Loads an ONNX file that contains the numbers of all its tensors. See [`Onnx::with_external`].
     ///
     /// # Errors
-    /// As [`Onnx::with_external`].
+    /// The errors of [`Onnx::with_external`].
     pub fn new(bytes: impl AsRef<[u8]>, inputs: usize) -> Result<Onnx, String> {
         Onnx::with_external(bytes.as_ref(), &ExternalFiles::new(), inputs)
     }
