@@ -31,6 +31,7 @@ pub use crate::gateway::log::Recording;
 use crate::gateway::log::{LogReader, LogRow, number};
 use isotherm_core::compensation::{Compensation, Decision, Remembered, Snapshot};
 use isotherm_core::quantity::Micron;
+use isotherm_profile::log_columns::{DECIDED, EXPECTED, SLOPE, TIME};
 use isotherm_profile::{Axis, FileKind, Profile, safe_file};
 
 mod findings;
@@ -263,13 +264,13 @@ fn from(profile: &Profile, memory: Remembered) -> Compensation {
 }
 
 fn header<R: Read>(profile: &Profile, reader: &LogReader<R>) -> Vec<String> {
-    let mut names = vec!["time".to_owned()];
+    let mut names = vec![TIME.to_owned()];
     for (place, axis) in profile.axes.iter().enumerate() {
         let residual = reader.has_error(place).then_some("residual_um");
-        let slope = axis.settings.intercept_slope.map(|_| "slope_um");
-        let expected = axis.says_how_wrong().then_some("expected_um");
+        let slope = axis.settings.intercept_slope.map(|_| SLOPE);
+        let expected = axis.says_how_wrong().then_some(EXPECTED);
         let more = slope.into_iter().chain(expected).chain(residual);
-        for column in ["raw_um", "cz_um", "model", "state", "acted"].into_iter().chain(more) {
+        for column in DECIDED.into_iter().chain(more) {
             names.push(format!("{}_{column}", axis.settings.name));
         }
     }

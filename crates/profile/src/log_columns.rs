@@ -8,36 +8,97 @@ use isotherm_core::quantity::TimeColumns;
 /// First column of every log.
 pub const TIME: &str = "time";
 
+/// Permission of the axis to move: off, armed, unverified, held or stopping.
+pub const PERMIT: &str = "permit";
+/// Cz in the register from which the axis continued at this row, µm.
+pub const FROM: &str = "from_um";
+/// Cz that the model requests, µm.
+pub const RAW: &str = "raw_um";
+/// Cz of the axis, µm.
+pub const CZ: &str = "cz_um";
+/// Model in use.
+pub const MODEL: &str = "model";
+/// State of the axis.
+pub const STATE: &str = "state";
+/// Limits that changed the Cz, for example `step`.
+pub const ACTED: &str = "acted";
+/// Target of Cz while the sign of the axis is checked with a dial gauge, µm.
+pub const SIGN: &str = "sign_um";
+/// Verified Cz of the output farthest behind the decision, µm.
+pub const BEHIND: &str = "behind_um";
+/// Cz to which an axis on hold returns because the settings of a sensor were changed, µm.
+pub const RETURN: &str = "return_um";
+/// Slope to which such an axis returns; unit as for [`SLOPE`].
+pub const RETURN_SLOPE: &str = "return_slope_um";
+/// Slope in the register from which the axis continued; unit as for [`SLOPE`]. Only for a slope that the control
+/// applies.
+pub const SLOPE_FROM: &str = "slope_from_um";
+/// Slope of the decision, as its effect at the axis's largest distance from the reference position, µm. Only for a slope
+/// that the control applies.
+pub const SLOPE: &str = "slope_um";
+/// Error that a probe has measured, µm. Only for an axis with a probe, like the next four.
+pub const MEASURED: &str = "measured_um";
+/// Cz that acted during the measurement, µm.
+pub const ACTING: &str = "acting_um";
+/// 1 if the correction from measured errors was discarded.
+pub const FORGET: &str = "forget";
+/// 1 while probings show that the axis is worse with its model than without compensation.
+pub const WORSE: &str = "worse";
+/// Correction that the measured errors add to the Cz of the model, µm.
+pub const CORRECTION: &str = "correction_um";
+/// Expected residual error as one standard deviation, µm. Only for a model that calculates it.
+pub const EXPECTED: &str = "expected_um";
+/// Sensor of the model in use that has a stand-in. Only for an axis whose models have stand-ins.
+pub const STOOD_IN: &str = "stood_in";
+/// 1 if the operator has disarmed the axis, so that its sensors are accepted again. Only for an axis whose models have
+/// stand-ins.
+pub const TRUST: &str = "trust";
+/// Request to change the preferred model, as JSON. Only for an axis that learns a model.
+pub const PREFERRED: &str = "preferred";
+
+/// Columns of the decision of an axis, in their order.
+pub const DECIDED: [&str; 5] = [RAW, CZ, MODEL, STATE, ACTED];
+
 /// Name endings of the columns of an axis. For example, `z_cz_um` is the compensation value (Cz) of axis `z`. A log has
 /// some of these columns only if the axis has certain keys. The column of the measured error is not in this list,
 /// because a signal that measures the error may have its name.
 pub const OF_AXIS: [&str; 22] = [
-    "permit",
-    "from_um",
-    "raw_um",
-    "cz_um",
-    "model",
-    "state",
-    "acted",
-    "sign_um",
-    "behind_um",
-    "return_um",
-    "return_slope_um",
-    "slope_from_um",
-    "slope_um",
-    "measured_um",
-    "acting_um",
-    "forget",
-    "worse",
-    "correction_um",
-    "expected_um",
-    "stood_in",
-    "trust",
-    "preferred",
+    PERMIT,
+    FROM,
+    RAW,
+    CZ,
+    MODEL,
+    STATE,
+    ACTED,
+    SIGN,
+    BEHIND,
+    RETURN,
+    RETURN_SLOPE,
+    SLOPE_FROM,
+    SLOPE,
+    MEASURED,
+    ACTING,
+    FORGET,
+    WORSE,
+    CORRECTION,
+    EXPECTED,
+    STOOD_IN,
+    TRUST,
+    PREFERRED,
 ];
 
+/// Saved state with which the run or the file begins, as JSON. Later rows have it only after a start of the gateway.
+pub const MEMORY: &str = "machine_memory";
+/// Times of the zero commands since the row before, separated by semicolons. If a command concerns one axis only, the
+/// name of the axis follows its time.
+pub const ZERO: &str = "machine_zero";
+/// Correction of the computer's clock. It is filled only in the first row of a file that begins after a correction.
+pub const CLOCK: &str = "machine_clock";
+/// Column that only the log of a dry run has.
+pub const DRY_RUN: &str = "machine_dry_run";
+
 /// Columns of the whole machine.
-pub const OF_MACHINE: [&str; 4] = ["machine_memory", "machine_zero", "machine_clock", "machine_dry_run"];
+pub const OF_MACHINE: [&str; 4] = [MEMORY, ZERO, CLOCK, DRY_RUN];
 
 /// Name of a signal or an axis that would give the log two columns of the same name, or a column of the wrong meaning.
 #[derive(Clone, Debug, PartialEq, Eq)]

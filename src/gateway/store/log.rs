@@ -40,7 +40,6 @@
 //!
 //! A log from elsewhere requires `time` and at least one signal. `z_error_um` is the measured error of axis z.
 
-pub(super) mod columns;
 #[cfg(any(feature = "identify", feature = "parquet"))]
 mod days;
 pub mod outputs;

@@ -4,18 +4,13 @@
 
 use super::Series;
 use super::table::{Cells, Table};
-use isotherm_profile::log_columns::{OF_AXIS, OF_MACHINE};
+use isotherm_profile::log_columns::{
+    ACTING, CZ, DRY_RUN, MEASURED, MEMORY, OF_AXIS, OF_MACHINE, SLOPE, ZERO,
+};
 
 /// Ends of the names of those columns of an axis in a gateway log that identification uses. The other columns of an
 /// axis are not used.
-const USED: [&str; 4] = ["cz_um", "slope_um", "measured_um", "acting_um"];
-/// Name of the column with the gateway's state before the first row of a file, as JSON. In later rows, the cell is
-/// empty, except after a start of the gateway.
-const MEMORY: &str = "machine_memory";
-/// Name of the column with the times of the zero commands since the previous row. If a command concerns one axis only,
-/// the name of the axis follows its time. Semicolons separate several commands.
-const ZERO: &str = "machine_zero";
-const DRY_RUN: &str = "machine_dry_run";
+const USED: [&str; 4] = [CZ, SLOPE, MEASURED, ACTING];
 
 /// Returns whether the texts in this log column are needed to determine the active Cz, or the datums (zero points) of
 /// the log.

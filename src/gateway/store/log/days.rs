@@ -2,9 +2,11 @@
 
 use std::path::{Path, PathBuf};
 
-use super::columns::{CLOCK, DECIDED, MEMORY, PERMIT, PREFERRED, STOOD_IN, ZERO};
 use super::outputs::ENDING;
 use crate::gateway::store::storage::retention::logs;
+use isotherm_profile::log_columns::{
+    ACTED, CLOCK, MEMORY, MODEL, PERMIT, PREFERRED, STATE, STOOD_IN, ZERO,
+};
 
 /// Returns the days with logs of this machine, oldest first, and the paths of the logs of each day. The logs of one
 /// day are in the order of their beginning.
@@ -31,13 +33,12 @@ fn number(name: &str) -> u32 {
 /// Returns whether a column contains text; all other columns contain numbers. `columns` contains all columns of the
 /// log. It is needed because a signal's name may look like a column of an axis, for example `bed_state`.
 pub fn is_text(column: &str, columns: &[&str]) -> bool {
-    let [_, _, model, state, acted] = DECIDED;
     let is_of_an_axis = |word: &str| {
         let axis = column.strip_suffix(word).and_then(|rest| rest.strip_suffix('_'));
         axis.is_some_and(|axis| columns.contains(&format!("{axis}_{PERMIT}").as_str()))
     };
     [MEMORY, ZERO, CLOCK].contains(&column)
-        || [PERMIT, model, state, acted, STOOD_IN, PREFERRED].into_iter().any(is_of_an_axis)
+        || [PERMIT, MODEL, STATE, ACTED, STOOD_IN, PREFERRED].into_iter().any(is_of_an_axis)
 }
 
 /// Returns whether a log column is only useful for a replay (calculation of the decisions from the log).

@@ -7,16 +7,16 @@ use std::io::Read;
 use csv::StringRecord;
 use jiff::tz::TimeZone;
 
-use super::columns::{
-    ACTING, BEHIND, DECIDED, EXPECTED, FORGET, FROM, MEASURED, MEMORY, PERMIT, PREFERRED, RETURN,
-    RETURN_SLOPE, SIGN, SLOPE_FROM, STOOD_IN, TIME, TRUST, WORSE, ZERO,
-};
 use isotherm_core::compensation::{Change, Control, Measured, Permit, Remembered, ReturnTo};
 use isotherm_core::quantity::{
     Cell, Conversion, DateOrder, DecimalMark, Dialect, Micron, Moment, TimeColumns, TimeUnit, is_comment,
     names_and_units, time, with_date,
 };
 use isotherm_core::reading::{Reading, Reason};
+use isotherm_profile::log_columns::{
+    ACTING, BEHIND, DECIDED, EXPECTED, FORGET, FROM, MEASURED, MEMORY, PERMIT, PREFERRED, RETURN,
+    RETURN_SLOPE, SIGN, SLOPE_FROM, STOOD_IN, TIME, TRUST, WORSE, ZERO,
+};
 use isotherm_profile::safe_file::{self, Lines, quoted};
 use isotherm_profile::{Axis, Profile};
 

@@ -2,22 +2,14 @@
 
 use std::io::Write;
 
-use super::columns::{
-    ACTING, BEHIND, CLOCK, DECIDED, EXPECTED, FORGET, FROM, MEASURED, MEMORY, PERMIT, PREFERRED, RETURN,
-    RETURN_SLOPE, SIGN, SLOPE_FROM, STOOD_IN, TIME, TRUST, WORSE, ZERO,
-};
 use crate::clock::Correction;
 use isotherm_core::compensation::{Change, Control, Decision, Remembered, Snapshot};
 use isotherm_core::quantity::{Moment, Shift, Shifted, time};
+use isotherm_profile::log_columns::{
+    ACTING, BEHIND, CLOCK, CORRECTION, DECIDED, DRY_RUN, EXPECTED, FORGET, FROM, MEASURED, MEMORY, PERMIT,
+    PREFERRED, RETURN, RETURN_SLOPE, SIGN, SLOPE, SLOPE_FROM, STOOD_IN, TIME, TRUST, WORSE, ZERO,
+};
 use isotherm_profile::{Axis, Profile};
-
-/// Column that only the log of a dry run has.
-const DRY_RUN: &str = "machine_dry_run";
-/// Log column for a slope that the control applies: the slope of the decision. The unit is µm, as the effect of the
-/// slope at the axis's largest distance from the reference position.
-const SLOPE: &str = "slope_um";
-/// Log column of an axis with a probe: correction that probing results add to the model's Cz.
-const CORRECTION: &str = "correction_um";
 
 /// Converter from the steps of the axes (calculations of their Cz) to rows of the decision log.
 #[derive(Clone, Debug)]
@@ -278,42 +270,4 @@ pub(super) fn cell(text: &str) -> String {
 
 pub(super) fn has_to_be_quoted(text: &str) -> bool {
     text.contains(['"', ',', '\n', '\r'])
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use isotherm_profile::log_columns;
-
-    /// A profile must not have a signal with the name of a column, so the profile reader must know all columns.
-    #[test]
-    fn the_profile_reader_knows_every_column_of_the_log() {
-        let mut of_axis = [
-            PERMIT,
-            FROM,
-            SIGN,
-            BEHIND,
-            RETURN,
-            RETURN_SLOPE,
-            SLOPE_FROM,
-            SLOPE,
-            MEASURED,
-            ACTING,
-            FORGET,
-            WORSE,
-            CORRECTION,
-            EXPECTED,
-            STOOD_IN,
-            TRUST,
-            PREFERRED,
-        ]
-        .into_iter()
-        .chain(DECIDED)
-        .collect::<Vec<_>>();
-        let mut known = log_columns::OF_AXIS.to_vec();
-        of_axis.sort_unstable();
-        known.sort_unstable();
-        assert_eq!(of_axis, known);
-        assert_eq!((TIME, [MEMORY, ZERO, CLOCK, DRY_RUN]), (log_columns::TIME, log_columns::OF_MACHINE));
-    }
 }

@@ -11,11 +11,11 @@ use std::time::Duration;
 use jiff::civil::Date;
 
 use crate::clock::Correction;
-use crate::gateway::store::log::columns::CLOCK;
 use crate::gateway::store::log::outputs::ENDING;
 use isotherm_core::compensation::Stop;
 use isotherm_core::quantity::{Moment, time};
 use isotherm_profile::duration_text;
+use isotherm_profile::log_columns::CLOCK;
 use isotherm_profile::{History, safe_file};
 
 /// Maximum correction of the clock into the past after which the age of earlier logs is still known.
