@@ -28,7 +28,7 @@ pub const SIGN: &str = "sign_um";
 pub const BEHIND: &str = "behind_um";
 /// Cz to which an axis on hold returns because the settings of a sensor were changed, µm.
 pub const RETURN: &str = "return_um";
-/// Slope to which such an axis returns; unit as for [`SLOPE`].
+/// Slope to which such an axis returns; unit as for [`SLOPE`]. Only for a slope that the control applies.
 pub const RETURN_SLOPE: &str = "return_slope_um";
 /// Slope in the register from which the axis continued; unit as for [`SLOPE`]. Only for a slope that the control
 /// applies.
@@ -60,8 +60,8 @@ pub const PREFERRED: &str = "preferred";
 pub const DECIDED: [&str; 5] = [RAW, CZ, MODEL, STATE, ACTED];
 
 /// Name endings of the columns of an axis. For example, `z_cz_um` is the compensation value (Cz) of axis `z`. A log has
-/// some of these columns only if the axis has certain keys. The column of the measured error is not in this list,
-/// because a signal that measures the error may have its name.
+/// some of these columns only if the axis has certain keys. `error_um`, the measured error in a log from elsewhere, is not
+/// in this list, because a signal that measures the error may have its name.
 pub const OF_AXIS: [&str; 22] = [
     PERMIT,
     FROM,

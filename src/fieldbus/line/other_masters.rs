@@ -5,7 +5,7 @@
 //! distinguish the two. Frames that belong to no request of the gateway show another master: one request, or two
 //! answers within [`AFTER`]. A single answer may be noise or a part of another frame. For [`AFTER`] after the last such
 //! frame, answers with the unit and form of an answer to the other master are [`Attribution::Ambiguous`]. The gateway
-//! uses an ambiguous answer only if a second read gives an equal one.
+//! uses an ambiguous answer only if further reads agree with it. For registers of outputs, a second read must be equal.
 //!
 //! If both masters send a request at once, two answers of this form follow each other. After an ambiguous answer the
 //! line therefore listens until a second one could have arrived. If a second one arrives, the gateway uses neither

@@ -17,12 +17,12 @@ use serde::{Deserialize, Serialize};
 
 /// Number of consecutive steps with a new reason, after which the new reason of a bad signal is reported.
 const CHANGED_AFTER_STEPS: u32 = 2;
-/// Number of ambiguous values in a row that must agree, if the last good value is recent. An ambiguous value may be the
-/// answer to a request of another master.
+/// Number of ambiguous values in a row that must agree before one is used. An ambiguous value may be the answer to a
+/// request of another master.
 const AGREEING: u32 = 2;
-/// The same number without a recent good value, for a signal with `max_rate`. Values of the other master then agree with
-/// each other, and nothing shows that they are wrong. Only over many reads do values of the gateway's own come between.
-const AGREEING_WITHOUT_GOOD: u32 = 30;
+/// The same number for a signal with `max_rate`, if no good value is recent. Values of the other master then agree with
+/// each other, and nothing shows that they are wrong. Only over many reads do values of the signal itself come between.
+const MANY: u32 = 30;
 
 /// Table of all signals of the profile. Each list contains one item for each signal, in the order of the profile.
 #[derive(Debug)]
@@ -32,6 +32,8 @@ pub(in crate::gateway) struct SignalTable {
     rates: Vec<RateFilter>,
     /// Last value that the gateway read for each signal, before any check, with its time.
     read: Vec<Option<LastRead>>,
+    /// Number of good values of each signal in a row, each at most `max_age` after the one before.
+    chains: Vec<u32>,
     /// State of each signal that is a counter; `None` for other signals.
     counters: Vec<Option<Box<CounterState>>>,
     /// Scale of each signal whose scale is in another register. `None` for other signals, and before the first read.
@@ -135,6 +137,7 @@ impl SignalTable {
             },
             rates: vec![RateFilter::default(); signals],
             read: vec![None; signals],
+            chains: vec![0; signals],
             counters: profile.signals.iter().map(counter).collect(),
             scales: vec![None; signals],
             seen: vec![Reading::NEVER; signals],
@@ -183,6 +186,7 @@ impl SignalTable {
         self.latest.failing[id.0] = None;
         self.read[id.0] = Some(LastRead { value, at, agreeing: 1 });
         let position = value.and_then(|value| self.position(id, value, at));
+        let is_chained = self.is_good_recent(id, at);
         let (rules, scale) = (self.latest.rules[id.0], &mut self.scales[id.0]);
         let assessed = position.and_then(|value| {
             let breaks = scale.as_ref().map_or(breaks, |scale| scale.breaks(breaks));
@@ -206,7 +210,10 @@ impl SignalTable {
             }
         });
         self.latest.readings[id.0] = match assessed {
-            Ok(value) => Reading::good(value, at),
+            Ok(value) => {
+                self.chains[id.0] = if is_chained { self.chains[id.0].saturating_add(1) } else { 1 };
+                Reading::good(value, at)
+            }
             Err(reason) => Reading::bad(at, reason),
         };
     }
@@ -255,45 +262,59 @@ impl SignalTable {
     }
 
     /// Stores a value that may be the answer to a request of another master. The value is used only if it agrees with
-    /// the values read before: with one if the last good value is not older than `max_age`, otherwise with
-    /// [`AGREEING_WITHOUT_GOOD`] in a row. Two values agree if their difference is within the `max_rate` of the
-    /// profile. Without `max_rate` in the profile, two values must be equal, because the default is too wide to
-    /// distinguish two masters. Otherwise, the last good value is used until it is stale.
+    /// the values read before: with one, or with [`MANY`] in a row if the last good value is older than `max_age`. Two
+    /// values agree if their difference is within the `max_rate` of the profile. Without `max_rate` in the profile they
+    /// must be equal, because the default is too wide to distinguish two masters. Otherwise, the last good value is used
+    /// until it is stale. Returns whether the value was used, or rejected for a reason of its own.
     pub(in crate::gateway) fn store_ambiguous(
         &mut self,
         id: SignalId,
         value: Result<f64, Reason>,
         at: Moment,
         breaks: u64,
-    ) {
-        let (rate, max_age) =
-            (self.latest.profile.signal(id).max_rate, self.latest.profile.signal(id).max_age);
+    ) -> bool {
+        let (rate, rules) = (self.latest.profile.signal(id).max_rate, self.latest.rules[id.0]);
         let agrees = |before: &LastRead| match (value, before.value, rate) {
             (Ok(value), Ok(other), Some(rate)) => !is_too_fast((value, at), (other, before.at), rate),
             (value, other, _) => value == other,
         };
-        let before = self.read[id.0].filter(|before| at.since(before.at) <= max_age && agrees(before));
+        let before = self.read[id.0].filter(|before| at.since(before.at) <= rules.max_age && agrees(before));
         let agreeing = before.map_or(1, |before| before.agreeing.saturating_add(1));
-        let is_comparable = self.rates[id.0].age_of_good(at).is_some_and(|age| age <= max_age);
-        let needed = match value {
-            Ok(_) if rate.is_some() && !is_comparable => AGREEING_WITHOUT_GOOD,
-            _ => AGREEING,
-        };
-        if agreeing >= needed {
+        // A value out of range moves nothing, and must be reported soon.
+        let may_move = rate.is_some() && value.is_ok_and(|value| rules.is_plausible(value));
+        let needed = if may_move && !self.is_good_recent(id, at) { MANY } else { AGREEING };
+        let is_confirmed = agreeing >= needed;
+        if is_confirmed {
             self.store(id, value, at, breaks);
+            self.chains[id.0] = self.chains[id.0].max(needed);
         } else {
+            if let (Ok(value), Some(rate)) = (value, rules.rate_limit) {
+                self.rates[id.0].hold_back(value, at, rate, breaks);
+            }
             self.fail(id, Reason::BadReply);
         }
         self.read[id.0] = Some(LastRead { value, at, agreeing });
+        is_confirmed
+    }
+
+    /// Returns whether the last good value of the signal is not older than `max_age`.
+    fn is_good_recent(&self, id: SignalId, at: Moment) -> bool {
+        self.rates[id.0].age_of_good(at).is_some_and(|age| age <= self.latest.rules[id.0].max_age)
     }
 
     /// Marks the last reading as doubtful, because it may be the answer to a request of another master. This master
-    /// was detected after the reading. Without `max_rate` in the profile, the reading is rejected, because no check
-    /// has confirmed it.
+    /// was detected after the reading. The reading is rejected, unless the `max_rate` of the profile has compared it
+    /// with many good values: a few may all be answers to the other master.
     pub(in crate::gateway) fn doubt(&mut self, id: SignalId) {
-        let reading = &mut self.latest.readings[id.0];
-        if reading.quality == Quality::Good && self.latest.profile.signal(id).max_rate.is_none() {
-            *reading = Reading::bad(reading.at, Reason::BadReply);
+        let has_rate = self.latest.profile.signal(id).max_rate.is_some();
+        if !has_rate || self.chains[id.0] < MANY {
+            if has_rate {
+                self.rates[id.0].forget_good();
+            }
+            let reading = &mut self.latest.readings[id.0];
+            if reading.quality == Quality::Good {
+                *reading = Reading::bad(reading.at, Reason::BadReply);
+            }
         }
         self.read[id.0] = None;
         self.forget_waiting(id);

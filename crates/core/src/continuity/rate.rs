@@ -109,6 +109,14 @@ impl RateFilter {
         }
     }
 
+    /// Records a value that is not used yet, because it may be a value of another device. The first such value after a
+    /// break ends the time without a value, like a rejected one. A later one changes nothing.
+    pub fn hold_back(&mut self, value: f64, at: Moment, rate: f64, breaks: u64) {
+        if self.breaks != breaks {
+            self.reject(value, at, rate, breaks);
+        }
+    }
+
     /// Records a value. For the first value after a break, also calculates the allowed difference from the last value.
     fn note(&mut self, (value, at): (f64, Moment), rate: f64, breaks: u64) {
         let is_first = std::mem::replace(&mut self.breaks, breaks) != breaks;
@@ -131,6 +139,11 @@ impl RateFilter {
     /// Returns whether a value was rejected because of a jump across a break, and no value has been accepted since.
     pub fn has_jumped(&self) -> bool {
         self.jump.is_some()
+    }
+
+    /// Discards the last good value, because it may be a value of another device. Jumps across a break are kept.
+    pub fn forget_good(&mut self) {
+        self.good = None;
     }
 
     /// Discards all stored values, so that the next value is accepted.

@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use super::Overruns;
 use super::stamps::accepted;
-use crate::fieldbus::error::Fault;
+use crate::fieldbus::error::{Fault, PeerFault};
 use crate::fieldbus::line::{Attribution, DeviceLine};
 use crate::fieldbus::send_guard::SendDeadline;
 use crate::fieldbus::wire::Request;
@@ -171,6 +171,7 @@ impl Poll {
         let source_time = shared.profile.device(self.device).source_time;
         let confirmed = |encoded: Encoded| is_confirmed.then_some(encoded).ok_or(Reason::NotAsExpected);
         let breaks = core.devices.of(self.device).breaks_without_checks();
+        let mut is_held_back = answer.as_ref().is_ok_and(|answer| answer.attribution == Attribution::Contested);
         for field in request.scales() {
             match &answer {
                 Ok(answered) if answered.attribution == Attribution::Ours => {
@@ -210,13 +211,18 @@ impl Poll {
                         Attribution::Ambiguous if is_scaled => core.board.store_contested(field.signal),
                         Attribution::Ours => core.board.store(field.signal, value, taken, breaks),
                         Attribution::Ambiguous => {
-                            core.board.store_ambiguous(field.signal, value, taken, breaks);
+                            is_held_back |= !core.board.store_ambiguous(field.signal, value, taken, breaks);
                         }
                         Attribution::Contested => core.board.store_contested(field.signal),
                     }
                 }
                 (Err(fault), _) | (_, &Err(fault)) => core.board.fail(field.signal, fault.reason()),
             }
+        }
+        if is_held_back {
+            // The cause of a signal without a value then names the other master.
+            let fault = Fault::Peer(PeerFault::Foreign);
+            core.device_health.record(self.device, Request::from(&request.asks), Err(fault));
         }
         self.has_been_read |= is_last;
         is_last

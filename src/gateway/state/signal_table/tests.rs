@@ -243,8 +243,7 @@ fn an_ambiguous_value_is_used_only_if_the_one_before_it_agrees() {
     assert_eq!(quality(&mut board, at(22)), Quality::Bad(Reason::TooFast));
 }
 
-/// Without a recent good value, nothing shows that the values of another master are wrong. Before a true value came
-/// between, 29 of them agreed.
+/// Without a recent good value, nothing shows that the values of another master are wrong.
 #[test]
 fn without_a_recent_good_value_thirty_ambiguous_values_in_a_row_must_agree() {
     let profile = profile();
@@ -297,6 +296,9 @@ fn without_max_rate_two_values_agree_if_they_are_the_same() {
 fn a_reading_before_another_master_was_noticed_serves_on_only_if_its_rate_was_checked() {
     let profile = profile();
     let mut board = board(&profile);
+    for _ in 1..30 {
+        board.store(BED, Ok(20.0), at(0), 0);
+    }
     board.doubt(BED);
     assert_eq!(board.latest().taken(BED), at(0));
     assert_eq!(board.value(BED, at(1)), Some(20.0), "it has max_rate");
@@ -306,6 +308,43 @@ fn a_reading_before_another_master_was_noticed_serves_on_only_if_its_rate_was_ch
     assert_eq!(board.value(OPEN, at(2)), None, "the one before it may have been another's");
     board.store_ambiguous(OPEN, Ok(0.0), at(3), 0);
     assert_eq!(board.value(OPEN, at(3)), Some(0.0));
+}
+
+/// Before another master is noticed, its values look like readings. A few of them must not become the value with which
+/// the later ones are compared.
+#[test]
+fn a_few_good_values_before_another_master_was_noticed_confirm_no_later_ones() {
+    let profile = profile();
+    let mut board = SignalTable::new(&Arc::new(profile));
+    let fresh = |board: &mut SignalTable, second| board.store(OPEN, Ok(0.0), at(second), 0);
+    for second in 0..29 {
+        fresh(&mut board, second);
+        board.store(BED, Ok(41.2), at(second), 0);
+    }
+    assert_eq!(board.value(BED, at(28)), Some(41.2));
+    board.doubt(BED);
+    assert_eq!(board.value(BED, at(28)), None);
+    for second in 29..58 {
+        fresh(&mut board, second);
+        assert!(!board.store_ambiguous(BED, Ok(41.2), at(second), 0), "{second}");
+    }
+    assert!(board.store_ambiguous(BED, Ok(41.2), at(58), 0));
+    board.doubt(BED);
+    assert_eq!(board.value(BED, at(58)), Some(41.2), "thirty have agreed");
+}
+
+/// Values that wait for their confirmation end the time without a value: from then on, waiting allows no larger jump.
+#[test]
+fn waiting_for_agreeing_values_allows_no_larger_jump_after_a_start() {
+    let profile = profile();
+    let mut board = SignalTable::new(&Arc::new(profile));
+    let before = LastGood { value: 20.0, age: Duration::from_secs(2), exponent: None };
+    board.recall(&BTreeMap::from([("bed".to_owned(), before)]), at(0));
+    for second in 1..=60 {
+        board.store(OPEN, Ok(0.0), at(second), 0);
+        board.store_ambiguous(BED, Ok(41.2), at(second), 1);
+    }
+    assert_eq!(quality(&mut board, at(60)), Quality::Bad(Reason::Jumped));
 }
 
 /// Profile whose temperature has no limits of its own.

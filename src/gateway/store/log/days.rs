@@ -4,9 +4,7 @@ use std::path::{Path, PathBuf};
 
 use super::outputs::ENDING;
 use crate::gateway::store::storage::retention::logs;
-use isotherm_profile::log_columns::{
-    ACTED, CLOCK, MEMORY, MODEL, PERMIT, PREFERRED, STATE, STOOD_IN, ZERO,
-};
+use isotherm_profile::log_columns::{ACTED, CLOCK, MEMORY, MODEL, PERMIT, PREFERRED, STATE, STOOD_IN, ZERO};
 
 /// Returns the days with logs of this machine, oldest first, and the paths of the logs of each day. The logs of one
 /// day are in the order of their beginning.

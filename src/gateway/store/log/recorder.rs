@@ -6,8 +6,8 @@ use crate::clock::Correction;
 use isotherm_core::compensation::{Change, Control, Decision, Remembered, Snapshot};
 use isotherm_core::quantity::{Moment, Shift, Shifted, time};
 use isotherm_profile::log_columns::{
-    ACTING, BEHIND, CLOCK, CORRECTION, DECIDED, DRY_RUN, EXPECTED, FORGET, FROM, MEASURED, MEMORY, PERMIT,
-    PREFERRED, RETURN, RETURN_SLOPE, SIGN, SLOPE, SLOPE_FROM, STOOD_IN, TIME, TRUST, WORSE, ZERO,
+    ACTING, BEHIND, CLOCK, CORRECTION, DECIDED, DRY_RUN, EXPECTED, FORGET, FROM, MEASURED, MEMORY, OF_AXIS,
+    PERMIT, PREFERRED, RETURN, RETURN_SLOPE, SIGN, SLOPE, SLOPE_FROM, STOOD_IN, TIME, TRUST, WORSE, ZERO,
 };
 use isotherm_profile::{Axis, Profile};
 
@@ -104,6 +104,7 @@ impl Recorder {
             let more = more.chain(expected).chain(stood_in.into_iter().flatten()).chain(preferred);
             for column in [PERMIT, FROM].into_iter().chain(DECIDED).chain([SIGN, BEHIND, RETURN]).chain(more)
             {
+                debug_assert!(OF_AXIS.contains(&column), "a signal may not have the name of {column}");
                 header += ",";
                 header += &cell(&format!("{}_{column}", axis.settings.name));
             }
