@@ -171,7 +171,8 @@ impl Poll {
         let source_time = shared.profile.device(self.device).source_time;
         let confirmed = |encoded: Encoded| is_confirmed.then_some(encoded).ok_or(Reason::NotAsExpected);
         let breaks = core.devices.of(self.device).breaks_without_checks();
-        let mut is_held_back = answer.as_ref().is_ok_and(|answer| answer.attribution == Attribution::Contested);
+        let mut is_held_back =
+            answer.as_ref().is_ok_and(|answer| answer.attribution == Attribution::Contested);
         for field in request.scales() {
             match &answer {
                 Ok(answered) if answered.attribution == Attribution::Ours => {
