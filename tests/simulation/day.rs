@@ -325,7 +325,7 @@ impl<'a> Day<'a> {
         let Some(register) = register.filter(|_| is_quiet && !world.is_held(line)) else { return };
         let to = if at == Y { register.value + value } else { value };
         // An operator does not enter a value under way, a recently sent value, or zero. The gateway must also have read
-        // the register after a restart of the control, and after a late write: nothing shows two changes as two.
+        // the register after a restart of the control, and after a late write: otherwise it sees two changes as one.
         if to == 0 || register.was_sent(to, now) || !register.is_known() || !register.is_shown() {
             return;
         }

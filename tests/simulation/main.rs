@@ -71,7 +71,7 @@ const MENDED_AT_A_PANEL: [u64; 7] = [43, 59, 7024, 7125, 7141, 400_067, 1_795_89
 /// - 844025432318: after a start, the gateway had no good reading, and two replies of the other master in a row were used
 ///   as readings.
 /// - 5000865: a write of the gateway arrived late, and the operator entered a value before the gateway had read the
-///   register. The law knew two changes, the gateway one.
+///   register. The laws saw two changes, the gateway one.
 const MENDED_WITH_A_SECOND_MASTER: [u64; 2] = [844_025_432_318, 5_000_865];
 
 #[test]

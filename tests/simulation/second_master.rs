@@ -36,7 +36,8 @@ pub(crate) const QUESTION: Question = Question::Read { function: 4, at: OTHERS, 
 const GAP: Duration = Duration::from_millis(5);
 /// Age beyond which exchanges are skipped: no gateway ran, or its computer slept.
 const LEFT_OUT: Duration = Duration::from_secs(3);
-/// Maximum time for which the other master is synchronous with the gateway, and the absence that it requires.
+/// Maximum time for which the other master is synchronous with the gateway, and the absence that it requires. Over a
+/// longer time, 30 of its replies in a row become likely, and the gateway uses them.
 const LONGEST_IN_STEP: Duration = Duration::from_secs(60);
 const AWAY: Duration = Duration::from_secs(120);
 

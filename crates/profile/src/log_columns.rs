@@ -94,7 +94,7 @@ pub const MEMORY: &str = "machine_memory";
 pub const ZERO: &str = "machine_zero";
 /// Correction of the computer's clock. It is filled only in the first row of a file that begins after a correction.
 pub const CLOCK: &str = "machine_clock";
-/// Column that only the log of a dry run has.
+/// 1 in each row. Only the log of a dry run has this column.
 pub const DRY_RUN: &str = "machine_dry_run";
 
 /// Columns of the whole machine.

@@ -285,9 +285,9 @@ fn another_master(signals: &[&Signal]) -> Explained {
     let mut cause =
         "another master is on the line: messages arrived that answer no request of this gateway".to_owned();
     if !signals.is_empty() {
-        let agree =
-            "the gateway uses a value only if two consecutive values agree, or 30 after a start or a gap";
-        cause += &format!("; its messages look like answers for {}; {agree}", list(signals));
+        let agree = "a value is used only if it agrees with the one before; with `max_rate` and no recent good \
+                     value, 30 in a row must agree";
+        cause += &format!("; messages of the other master look like answers for {}; {agree}", list(signals));
         let (_, unlimited): (Vec<&Signal>, Vec<&Signal>) =
             signals.iter().copied().partition(|signal| signal.max_rate.is_some());
         if !unlimited.is_empty() {

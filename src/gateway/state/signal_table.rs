@@ -21,7 +21,8 @@ const CHANGED_AFTER_STEPS: u32 = 2;
 /// request of another master.
 const AGREEING: u32 = 2;
 /// The same number for a signal with `max_rate`, if no good value is recent. Values of the other master then agree with
-/// each other, and nothing shows that they are wrong. Only over many reads do values of the signal itself come between.
+/// each other, and nothing shows that they are wrong. Only over many reads is it likely that values of the signal itself
+/// come between. After as many good values, the detection of another master keeps the last one.
 const MANY: u32 = 30;
 
 /// Table of all signals of the profile. Each list contains one item for each signal, in the order of the profile.
@@ -32,7 +33,8 @@ pub(in crate::gateway) struct SignalTable {
     rates: Vec<RateFilter>,
     /// Last value that the gateway read for each signal, before any check, with its time.
     read: Vec<Option<LastRead>>,
-    /// Number of good values of each signal in a row, each at most `max_age` after the one before.
+    /// Number of good values of each signal, each at most `max_age` after the good one before. Rejected values between
+    /// them do not count.
     chains: Vec<u32>,
     /// State of each signal that is a counter; `None` for other signals.
     counters: Vec<Option<Box<CounterState>>>,
@@ -262,7 +264,7 @@ impl SignalTable {
     }
 
     /// Stores a value that may be the answer to a request of another master. The value is used only if it agrees with
-    /// the values read before: with one, or with [`MANY`] in a row if the last good value is older than `max_age`. Two
+    /// the value read before. With `max_rate` and no good value younger than `max_age`, [`MANY`] in a row must agree. Two
     /// values agree if their difference is within the `max_rate` of the profile. Without `max_rate` in the profile they
     /// must be equal, because the default is too wide to distinguish two masters. Otherwise, the last good value is used
     /// until it is stale. Returns whether the value was used, or rejected for a reason of its own.
@@ -286,9 +288,13 @@ impl SignalTable {
         let is_confirmed = agreeing >= needed;
         if is_confirmed {
             self.store(id, value, at, breaks);
-            self.chains[id.0] = self.chains[id.0].max(needed);
+            if self.latest.readings[id.0].quality == Quality::Good {
+                self.chains[id.0] = self.chains[id.0].max(needed);
+            }
         } else {
-            if let (Ok(value), Some(rate)) = (value, rules.rate_limit) {
+            if let (Ok(value), Some(rate)) = (value, rules.rate_limit)
+                && rules.is_plausible(value)
+            {
                 self.rates[id.0].hold_back(value, at, rate, breaks);
             }
             self.fail(id, Reason::BadReply);

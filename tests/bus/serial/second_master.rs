@@ -180,7 +180,7 @@ async fn watched(frames: Frames, max_rate: &str, seed: u64) -> (usize, usize, Ve
     let source = gateway.source();
     let (mut good, mut wrong) = (0, 0);
     let watch = async {
-        // Thirty good readings in a row, with which the later ones are compared.
+        // Time for thirty good readings, so that the detection keeps the last one.
         tokio::time::sleep(Duration::from_secs(5)).await;
         other.is_there.store(true, Ordering::SeqCst);
         let is_reported = || source.status().events.iter().any(|event| event.kind == "bus-trouble");

@@ -141,9 +141,12 @@ impl RateFilter {
         self.jump.is_some()
     }
 
-    /// Discards the last good value, because it may be a value of another device. Jumps across a break are kept.
+    /// Discards the last good value of this run, because it may be a value of another device. Later values are then
+    /// compared with none. A jump across a break is kept.
     pub fn forget_good(&mut self) {
-        self.good = None;
+        if self.good.take().is_some() && self.jump.is_none() {
+            self.last = None;
+        }
     }
 
     /// Discards all stored values, so that the next value is accepted.

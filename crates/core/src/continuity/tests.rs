@@ -323,3 +323,24 @@ fn what_a_jump_is_compared_with_survives_any_number_of_starts() {
     }
     assert_eq!(filter.assess(20.0 + allowed - 1.0, at(0.0), Some(0.1), 0), Ok(()));
 }
+
+/// A doubted value must neither remain for comparison, nor be stored for the next run.
+#[test]
+fn a_good_value_that_is_forgotten_is_compared_with_nothing_and_not_saved() {
+    let mut filter = RateFilter::default();
+    filter.assess(41.0, at(0.0), Some(0.1), 0).unwrap();
+    filter.forget_good();
+    assert_eq!(filter.before_stop(at(1.0), 0.1), None);
+    filter.hold_back(20.0, at(1.0), 0.1, 1);
+    assert_eq!(filter.assess(20.0, at(2.0), Some(0.1), 1), Ok(()));
+}
+
+/// The value of the former run is none of this one: it remains.
+#[test]
+fn a_value_of_the_former_run_is_compared_after_the_good_value_was_forgotten() {
+    let mut filter = RateFilter::after_start(20.0, at(0.0), Duration::from_secs(2));
+    filter.forget_good();
+    filter.hold_back(41.0, at(1.0), 0.1, 1);
+    assert_eq!(filter.assess(41.0, at(60.0), Some(0.1), 1), Err(RateFault::Jumped));
+    assert_eq!(filter.assess(20.2, at(61.0), Some(0.1), 1), Ok(()));
+}

@@ -209,7 +209,10 @@ impl Poll {
                             };
                             core.board.store_scaled(field.signal, raw, taken, breaks, place);
                         }
-                        Attribution::Ambiguous if is_scaled => core.board.store_contested(field.signal),
+                        Attribution::Ambiguous if is_scaled => {
+                            is_held_back = true;
+                            core.board.store_contested(field.signal);
+                        }
                         Attribution::Ours => core.board.store(field.signal, value, taken, breaks),
                         Attribution::Ambiguous => {
                             is_held_back |= !core.board.store_ambiguous(field.signal, value, taken, breaks);
@@ -221,7 +224,7 @@ impl Poll {
             }
         }
         if is_held_back {
-            // The cause of a signal without a value then names the other master.
+            // The hint then asks whether another master is on the line.
             let fault = Fault::Peer(PeerFault::Foreign);
             core.device_health.record(self.device, Request::from(&request.asks), Err(fault));
         }

@@ -104,7 +104,7 @@ impl Recorder {
             let more = more.chain(expected).chain(stood_in.into_iter().flatten()).chain(preferred);
             for column in [PERMIT, FROM].into_iter().chain(DECIDED).chain([SIGN, BEHIND, RETURN]).chain(more)
             {
-                debug_assert!(OF_AXIS.contains(&column), "a signal may not have the name of {column}");
+                debug_assert!(OF_AXIS.contains(&column), "OF_AXIS lacks {column}");
                 header += ",";
                 header += &cell(&format!("{}_{column}", axis.settings.name));
             }
