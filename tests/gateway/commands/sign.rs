@@ -182,6 +182,8 @@ fn the_check_waits_until_the_axis_is_ready() {
     assert_eq!(bench.http("POST", "/api/cancel?axis=z", "").0, 200);
     bench.device.asks(0);
     asked.receives("Put a dial gauge");
+    // The gateway accepts a check once a second.
+    std::thread::sleep(Duration::from_millis(1100));
     asked.stdin().write_all(b"\n").unwrap();
     asked.receives("read the gauge now");
     asked.stdin().write_all(b"plus\n").unwrap();
