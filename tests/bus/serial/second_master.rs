@@ -217,7 +217,7 @@ async fn a_second_master_with_modbus_ascii_is_an_alarm_and_its_register_is_no_re
 /// This test needs 21 s, because the line has a fixed speed.
 async fn its_register_is_no_reading(frames: Frames) {
     // After a gap of `max_age`, 30 readings in a row would have to agree, and this other master asks too often for that.
-    let runs = [11, 12, 13].map(|seed| watched(frames, "max_rate = 0.5\nmax_age = \"10s\"", seed));
+    let runs = [11, 12, 13].map(|seed| watched(frames, "max_rate = 0.1\nmax_age = \"10s\"", seed));
     for run in futures_of(runs).await {
         let (good, wrong, reported) = run;
         println!("{good} good samples, {wrong} of the other master; {reported:?}");
