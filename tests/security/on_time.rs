@@ -63,10 +63,10 @@ impl OnTime {
             let excused = excused(one, next).max(self.starved.between(one, next));
             let line = format!("{over:?} late at {next}, the computer {excused:?}");
             (excused_ones, most) = (excused_ones + 1, most.max(over));
+            // After a stall of the computer all programs catch up at once, which takes up to as long again.
+            let stalled = STOOD_STILL.max(excused) + excused;
             match () {
-                () if over > WITHIN + excused && (excused <= BUSY || over > STOOD_STILL + excused) => {
-                    late.push(line);
-                }
+                () if over > WITHIN + excused && (excused <= BUSY || over > stalled) => late.push(line),
                 () if over > WITHIN + excused.min(STOOD_STILL) => void.push(line),
                 () => {}
             }
