@@ -109,6 +109,17 @@ impl Bench {
         };
         Ok(request.fields.iter().map(value).collect())
     }
+
+    /// Reads until a read succeeds. Returns the result of the last of at most `most` reads.
+    async fn read_within(&mut self, most: u32) -> Result<Vec<Result<f64, Reason>>, Fault> {
+        let mut last = self.read().await;
+        for _ in 1..most {
+            if last.is_err() {
+                last = self.read().await;
+            }
+        }
+        last
+    }
 }
 
 fn fault(kind: &str) -> String {
@@ -145,13 +156,7 @@ async fn a_faulty_text_has_no_value_and_the_next_one_has() {
         let script = fault("KIND").replace("kind = \"KIND\"", kind);
         let mut bench = Bench::new(THROUGH_TCP, MODULE, &script).await;
         assert_eq!(bench.read().await.map(|_| ()), expected, "{kind}");
-        let mut last = bench.read().await;
-        for _ in 0..3 {
-            if last.is_err() {
-                last = bench.read().await;
-            }
-        }
-        let values = last.unwrap_or_else(|fault| panic!("{kind}: {fault}"));
+        let values = bench.read_within(4).await.unwrap_or_else(|fault| panic!("{kind}: {fault}"));
         assert!(
             values.iter().all(|value| value.is_ok_and(|value| (0.0..40.0).contains(&value))),
             "{kind}: {values:?}"
@@ -176,13 +181,7 @@ async fn a_port_that_is_unplugged_is_a_fault_of_the_link_and_is_found_again() {
     let script = "[[fault]]\ndevice = \"module\"\nkind = \"refuse\"\nat = \"5s\"\nfor_time = \"2s\"\n";
     let mut bench = Bench::new(OVER_A_PORT, MODULE, script).await;
     // A busy computer hands the bytes of a port on after the timeout.
-    let mut first = bench.read().await;
-    for _ in 0..10 {
-        if first.is_err() {
-            first = bench.read().await;
-        }
-    }
-    first.unwrap();
+    bench.read_within(10).await.unwrap();
     let (mut was_lost, begun, clock) = (false, Clock::wall().now(), Clock::wall());
     while clock.now().since(begun) < Duration::from_secs(30) {
         let found = bench.read().await;

@@ -11,6 +11,7 @@ use crate::fieldbus::error::Fault;
 use crate::fieldbus::line::{Attribution, RequestObserver};
 use crate::fieldbus::seen::Seen;
 use crate::fieldbus::wire::Request;
+use crate::gateway::state::signal_table::MANY;
 use crate::observe::events::Event;
 use isotherm_core::continuity::Break;
 use isotherm_core::explained::Explained;
@@ -285,8 +286,10 @@ fn another_master(signals: &[&Signal]) -> Explained {
     let mut cause =
         "another master is on the line: messages arrived that answer no request of this gateway".to_owned();
     if !signals.is_empty() {
-        let agree = "a value is used only if it agrees with the one before; with `max_rate` and no recent good \
-                     value, 30 in a row must agree";
+        let agree = format!(
+            "a value is used only if it agrees with the one before; with `max_rate` and no recent good value, {MANY} \
+             in a row must agree"
+        );
         cause += &format!("; messages of the other master look like answers for {}; {agree}", list(signals));
         let (_, unlimited): (Vec<&Signal>, Vec<&Signal>) =
             signals.iter().copied().partition(|signal| signal.max_rate.is_some());

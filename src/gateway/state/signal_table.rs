@@ -20,10 +20,11 @@ const CHANGED_AFTER_STEPS: u32 = 2;
 /// Number of ambiguous values in a row that must agree before one is used. An ambiguous value may be the answer to a
 /// request of another master.
 const AGREEING: u32 = 2;
-/// The same number for a signal with `max_rate`, if no good value is recent. Values of the other master then agree with
-/// each other, and nothing shows that they are wrong. Only over many reads is it likely that values of the signal itself
-/// come between. After as many good values, the detection of another master keeps the last one.
-const MANY: u32 = 30;
+/// Number of ambiguous values in a row that must agree if a signal with `max_rate` has no recent good value. Values of
+/// the other master then agree with each other, and nothing shows that they are wrong. Only over many reads is it likely
+/// that values of the signal itself come between. After as many good values, the detection of another master keeps the
+/// last one.
+pub(in crate::gateway) const MANY: u32 = 30;
 
 /// Table of all signals of the profile. Each list contains one item for each signal, in the order of the profile.
 #[derive(Debug)]
