@@ -5,6 +5,9 @@ import { alarmCount, badge, byUrgency } from "./states.js";
 import { Hint, clock, day, element, say, withoutHint } from "./text.js";
 import { english, known, t } from "./words.js";
 
+// The charts of this page.
+const HERE = "#past";
+
 const rows = new Map();
 
 class Row {
@@ -14,10 +17,10 @@ class Row {
     this.text = english(element("span", { className: "text" }));
     this.hint = new Hint();
     this.seen = element("small");
-    this.link = element("a", { href: "#past", className: "moment" }, t("in_chart"));
+    this.link = element("a", { href: HERE, className: "moment" }, t("in_chart"));
     this.link.addEventListener("click", (event) => {
-      // The chart is on another page.
-      if (this.link.search) return;
+      // The chart is on another page. (`search` would be that of this page for a link within it.)
+      if (this.link.getAttribute("href") !== HERE) return;
       event.preventDefault();
       acts.lookAt(alarm);
     });
@@ -35,7 +38,7 @@ class Row {
     say(this.since, day(at) === today ? clock(at) : `${day(at).slice(5)} ${clock(at)}`);
     say(this.text, withoutHint(text, hint));
     const elsewhere = whole?.alarm_pages[id];
-    this.link.setAttribute("href", elsewhere ? `?${new URLSearchParams({ page: elsewhere, alarm: id })}` : "#past");
+    this.link.setAttribute("href", elsewhere ? `?${new URLSearchParams({ page: elsewhere, alarm: id })}` : HERE);
     this.link.ariaLabel = `${t("in_chart")}: ${this.text.textContent}`;
     this.hint.showOnce(hint, hints);
     say(this.seen, acknowledged ? t("acknowledged", { by: acknowledged.by, time: clock(new Date(acknowledged.at)) }) : "");
