@@ -1,15 +1,17 @@
 //! Clocks of the program: wall-clock time, or virtual time in tests and in the demo.
 //!
-//! A clock counts the time from its start. Counted time does not change if the computer's clock is set. The time of day
-//! is counted time plus a difference, and is only for display. Every task that acts at certain times owns a
-//! [`Sleeper`]. The virtual clock advances only while every sleeper sleeps. It then wakes exactly one sleeper: the one
-//! with the earliest deadline. Among sleepers with equal deadlines, it wakes the one that joined first. The virtual
-//! clock therefore waits for real sockets, and protocol timeouts stay in wall-clock time. A run with the same seed has
-//! the same result at any speed. (The paused clock of tokio cannot do this: it advances while a real socket waits.)
+//! A clock counts the time from its start. Counted time does not change if the computer's clock is set. The
+//! time of day is counted time plus a difference, and is only for display. Every task that acts at certain
+//! times owns a [`Sleeper`]. The virtual clock advances only while every sleeper sleeps. It then wakes
+//! exactly one sleeper, which has the earliest deadline. Among equal deadlines, the sleeper that joined first
+//! is woken first. A task that waits only for a real socket counts as awake, so that the virtual clock waits
+//! too. Protocol timeouts stay in wall-clock time. A run with the same seed has the same result at any speed.
+//! (The paused clock of tokio cannot do this: it advances while a real socket waits.)
 //!
-//! Code that needs a sleeping task to act early calls the [`Wakeup`] of its sleeper. Without that call, the clock could
-//! advance before the task notices its message. A message that comes through the kernel and gets no reply has no sender
-//! that could wake the sleeper. The reader of such messages therefore keeps a [`SocketGate`].
+//! Code that needs an action of a sleeping task before the deadline calls the [`Wakeup`] of the task's
+//! sleeper. Without this call, a virtual clock could advance before the task receives its message. The sender
+//! of a message through a socket cannot make this call. If such messages get no reply, their reader keeps a
+//! [`SocketGate`], which stops the virtual clock until the messages have been read.
 
 use std::pin::pin;
 use std::sync::Arc;

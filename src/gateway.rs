@@ -1,8 +1,9 @@
 //! The gateway: connects the bus lines, axes and outputs of one profile, and runs them.
 //!
-//! Each bus line has one task that owns it. The task reads signals, calculates the axes whose inputs it has just read,
-//! and writes the results to the outputs. One lock protects the state that the tasks share; a task holds it for
-//! microseconds. Events, web page, log and state file work with copies, so the tasks never wait for them.
+//! Each bus line has one task that owns it. The task reads signals, calculates Cz (the compensation value) of
+//! the axes whose inputs it has just read, and writes the results to the outputs. One lock protects the state
+//! that the tasks share; a task holds it for microseconds. Events, web page, log and state file work with
+//! copies, so the tasks never wait for them.
 
 use std::collections::HashMap;
 use std::future::Future;
@@ -284,8 +285,8 @@ impl Gateway {
         self.wait_until((within, SETTLED_EVERY), |shared| shared.resting_lines() >= lines).await
     }
 
-    /// Reports each device template that has changed since the last run, because a newer version of the program
-    /// contains it. Each change is reported once.
+    /// Reports each device template that has changed since the last run. The cause is a newer version of the
+    /// program, which contains the changed template. Each change is reported once.
     fn report_templates(&self) {
         let Some(directory) = self.options.directory.as_deref().filter(|_| self.options.has_threads) else {
             return;

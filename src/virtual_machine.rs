@@ -10,13 +10,13 @@
 //! ```text
 //! plant     a thermal network with sensors, pure          wander    values for signals without a plant
 //! registers the tables of a device                        modbus    bytes ↔ frames, requests and answers, pure
-//! fault     faults with their times                       hardware  plant + registers + faults
+//! fault     faults with their times                       hardware  plant, registers and faults together
 //! server    sockets, and requests on a line               truth     error, Cz, residual, and their ranges
-//! port      serial ports                                  gate      the plant's task, closed listeners
-//! journal   recorded requests, for tests                  control   strobes, acknowledges, sets accepted as a whole
-//! probing   the control's probing cycle, of the axes with a probe
+//! port      serial ports                                  gate      plant task; opens and closes listeners
+//! journal   recorded requests, for tests                  control   handshakes and output sets
+//! probing   probing cycle of the control, for axes with a probe
 //! can       nodes of a CAN interface                      random    a random number generator for each purpose
-//! text      devices that send lines of text                opcua     OPC UA servers, by feature
+//! text      devices that send lines of text                opcua     OPC UA servers (feature `opcua`)
 //! listener  TCP ports, and the connections of devices that send text and of OPC UA servers
 //! ```
 //!
@@ -93,7 +93,7 @@ const PROBED_EVERY: Duration = Duration::from_secs(3600);
 /// Settings of a virtual machine in addition to its profile.
 #[derive(Clone, Debug, Default)]
 pub struct Setup {
-    /// Simulated machine. Without one, signals vary in a plausible way, and there is no true error.
+    /// Simulated machine. With `None`, signals vary in a plausible way, and the true error is not known.
     pub plant: Option<PlantSpec>,
     /// Seed of all random numbers of the run: the day's weather and operation, and the noise.
     pub seed: u64,
@@ -193,8 +193,8 @@ impl Window {
         self.0.hardware().taken.clone()
     }
 
-    /// Sets the offset in µm that a real control applies to this axis. From then on it replaces the offset that the
-    /// virtual control applies.
+    /// Sets the offset in µm that a real control applies to this axis. From then on, this offset replaces the
+    /// offset that the virtual control applies.
     pub fn applies_elsewhere(&self, axis: AxisId, cz_um: f64) {
         self.0.hardware().applies_elsewhere(axis, cz_um);
     }

@@ -1,4 +1,5 @@
-//! `isotherm arm`, `disarm`, `zero`: commands to the running gateway.
+//! Commands to the running gateway: `isotherm arm` permits axes to write to their outputs, `disarm` stops
+//! them from writing. `zero` captures the present signal values as the references of the models.
 
 use std::path::{Path, PathBuf};
 

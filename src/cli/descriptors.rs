@@ -1,5 +1,5 @@
-//! Limits on the file descriptors of the web page and the command socket. The other descriptors of the process are
-//! reserved for bus lines, log files and saved state, which have priority.
+//! Limits on the file descriptors of the web page, the command socket and the OPC UA server. The other
+//! descriptors of the process are reserved for bus lines, log files and saved state, which have priority.
 
 use rustix::process::{Resource, getrlimit};
 

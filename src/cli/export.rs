@@ -118,7 +118,8 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// Exports the logs of decisions from the state directory `directory` to the directory `to`.
+/// Exports the logs of decisions from the state directory `directory` to the directory `to`. Returns the
+/// numbers of written, unchanged and failed days.
 fn decided(directory: &Path, machine: &str, to: &Path) -> anyhow::Result<Days> {
     let days = all_days(directory, machine, to)?;
     let mut columns = Columns::new();
@@ -178,8 +179,8 @@ fn newest(logs: &[PathBuf]) -> Option<i64> {
     logs.iter().filter_map(|log| modified(log)).max()
 }
 
-/// Returns the time at which a file was last changed, in microseconds. A file server may store it less exactly than the
-/// disk of the logs.
+/// Returns the time at which a file was last changed, in microseconds. A file server may store this time less
+/// exactly than the disk of the logs. `None` if the time cannot be read.
 fn modified(path: &Path) -> Option<i64> {
     let modified = path.metadata().and_then(|about| about.modified()).ok()?;
     Timestamp::try_from(modified).ok().map(Timestamp::as_microsecond)

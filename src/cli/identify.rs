@@ -34,8 +34,8 @@ mod into_profile;
 mod prior;
 mod text;
 
-/// Finds the model of an axis from logs: its coefficients with their uncertainty, and the remaining error on days that
-/// were not used for it.
+/// Finds the model of an axis from logs: its coefficients with their uncertainty. Also shows the remaining
+/// error on days that were not used to find the model.
 ///
 /// A log is CSV or Parquet with a column `time`, `time_s` or `time_min`. The column may also have a name of a logger,
 /// such as `Zeit [min]`, `timestamp`, or `Date` and `Time`. `time` is in seconds, RFC 3339, or `05.01.2026 06:00:10` by
@@ -88,10 +88,11 @@ pub(super) struct Arguments {
     /// runs are chosen
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..))]
     sensors: Option<u16>,
-    /// With --method whitened: an existing model, from --write or from a profile. The gains are drawn towards the gains
-    /// of this model instead of towards zero. Use this option if there is only one day of logs: from this machine after
-    /// a repair, or from another machine of the same type. With two days it helps less often. An existing model that is
-    /// worse on the new days than no compensation is refused
+    /// With --method whitened: an existing model, from --write or from a profile. The gains are drawn towards
+    /// the gains of this model instead of towards zero. Use this option if there is only one day of logs:
+    /// from this machine after a repair, or from another machine of the same type. With two days of logs,
+    /// this option helps less often. An existing model that is worse on the new days than no compensation is
+    /// refused
     #[arg(long, value_name = "MODEL.toml")]
     prior: Option<PathBuf>,
     /// With --method sparse-lag, stepwise, lag or position: largest number of terms in the model
@@ -148,7 +149,8 @@ pub(super) struct Arguments {
     /// values
     #[arg(long, value_name = "DIR")]
     mended: Option<PathBuf>,
-    /// Action of the axis when its inputs are outside the envelope of the model
+    /// Action of the axis when its inputs are outside the envelope of the model, that is, unlike the inputs
+    /// in the logs
     #[arg(long, value_parser = outsides(), default_value = "agree")]
     outside: Outside,
     /// Prints one JSON document

@@ -44,10 +44,11 @@ const LARGEST: u64 = 16 * 1024 * 1024;
 /// NAME.products in the state directory. They remain when the gateway deletes the logs ([history] keep). Therefore the
 /// verb reads only new logs, and may run every night. The gateway may run at the same time.
 ///
-/// The touches of each day first test the model in use, and the candidate from the previous days. Then the candidate is
-/// learned again with this day. The candidate is proposed if its residual error over the last five tested days is
-/// smaller. No axis moves, and the profile does not change. `isotherm adopt` adopts the candidate of an axis that
-/// learns (`learn` in its probe). `--write` writes the candidate as a block for the profile.
+/// The touches of each day first test the model in use, and the candidate from the previous days. Then the
+/// candidate is learned again with this day. The candidate is proposed if its residual error over the last
+/// five tested days is smaller than that of the model in use. No axis moves, and the profile does not change.
+/// `isotherm adopt` adopts the candidate of an axis that learns (`learn` in its probe). `--write` writes the
+/// candidate as a block for the profile.
 #[derive(clap::Args, Debug)]
 #[command(
     after_help = "Examples:\n  isotherm learn my-machine.toml\n  isotherm learn my-machine.toml campaign/ --axis z\n  isotherm learn my-machine.toml --axis z --write z-model.toml"

@@ -96,8 +96,8 @@ impl LogRateLimit {
         is_written
     }
 
-    /// Starts a thread that reports dropped lines after a second. The code that writes a log line cannot log another
-    /// line itself.
+    /// Starts a thread that reports dropped lines after a second. A separate thread is needed, because the
+    /// code that handles a log line cannot log another line.
     fn tell(&self) {
         let own = self.clone();
         let telling = move || {

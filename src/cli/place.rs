@@ -85,8 +85,9 @@ pub(super) struct Arguments {
     /// With --method patent: the iteration ends when the residual error is below this value, µm RMS
     #[arg(long, value_name = "UM", default_value_t = 1.0, value_parser = not_negative)]
     enough: f64,
-    /// A part that moves on the guideway and expands by itself, with the signal of its sensor, in µm/K: `head:z=-4.95`,
-    /// `head:y=1.2/z=-4.95`. The matrix P gets one more column for it
+    /// A part that moves on the guideway and has its own thermal expansion. The value is the signal of its
+    /// sensor with the expansion in µm/K: `head:z=-4.95`, `head:y=1.2/z=-4.95`. The matrix P gets one more
+    /// column for this part
     #[arg(long, value_name = "SIGNAL:AXIS=UM")]
     rider: Vec<Rider>,
     /// Writes the model's block for a profile to this file, and the matrix P to the same directory

@@ -106,7 +106,8 @@ fn readable(text: &str) -> String {
     said
 }
 
-/// Prints text without a line break on stderr. The next such text overwrites it.
+/// Prints text on stderr without a line break at its end, for example a progress line that is redrawn. Write
+/// errors are ignored.
 pub(crate) fn progress(text: Arguments<'_>) {
     let mut err = std::io::stderr();
     let _ = err.write_fmt(text).and_then(|()| err.flush());
@@ -124,7 +125,7 @@ macro_rules! say_all {
 macro_rules! say_beside {
     ($($text:tt)*) => { $crate::cli::print::beside(format_args!($($text)*)) };
 }
-/// Prints text on stderr, which the next such text overwrites.
+/// Prints text on stderr without a line break at its end, and ignores write errors.
 macro_rules! say_progress {
     ($($text:tt)*) => { $crate::cli::print::progress(format_args!($($text)*)) };
 }

@@ -40,8 +40,9 @@ pub(super) fn once(profile: Profile, directory: PathBuf) -> anyhow::Result<Statu
     last.context("the devices could not be read")
 }
 
-/// Reads every device continuously. Calls `look` when all signals are read or their time is over, and then each second
-/// until it returns `false`.
+/// Reads every device continuously. Calls `look` for the first time when every signal, device and offset
+/// register was tried, or when the time limit is over. Then calls `look` each second, until `look` returns
+/// `false`.
 pub(super) fn watch(
     profile: Profile,
     directory: PathBuf,

@@ -67,8 +67,9 @@ fn positive(text: &str) -> Result<Duration, String> {
     values::span(text, Duration::MAX, "write a time above zero, such as 10s")
 }
 
-/// Returns the time from the first date of a plant to the date of this seed. Logs of different seeds therefore never
-/// contain the same minutes.
+/// Returns the time from the start date of the plant (simulated machine) to the date of this seed. Successive
+/// seeds have successive days, so that logs of at most one day do not contain the same times. The dates
+/// repeat after 10 000 seeds.
 fn days_of(seed: u64) -> Duration {
     const DAY: Duration = Duration::from_secs(86_400);
     const DATES: u32 = 10_000;

@@ -9,10 +9,12 @@
 //!
 //! A log from another source is replayed by the same code, row by row. The axes count as armed, and their registers
 //! start at zero:
-//! - An axis updates at a row only if its period has passed since its last update. If rows come faster, `z_cz_um`,
-//!   `z_state` and `z_acted` do not change until the next update. If rows come slower, there is one update per row.
-//!   Then Cz may lag more than on the machine, and a warning is given.
-//! - `z_raw_um` and `z_model` are those of the model at every row, even without an update.
+//! - An axis updates at a row only if its period has passed since its last update. If rows come faster, the
+//!   columns `z_cz_um`, `z_state` and `z_acted` of an axis `z` do not change until the next update. If rows
+//!   come slower, there is one update per row. Then Cz may lag more than on the machine, and a warning is
+//!   given.
+//! - `z_raw_um` (Cz that the model requests) and `z_model` (name of the model) are calculated at every row,
+//!   even without an update.
 //! - `range` is applied to the values if the profile or its template states it. A default `range` is not applied, so
 //!   that the log of an earlier version gives the same decisions. `max_rate`, `max_age` and `fault_when` are not applied
 //!   either, because each row counts as a new reading.

@@ -230,8 +230,9 @@ fn refuse_while_running(directory: &Path, machine: &str) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// Returns whether the file must be written: `false` if it exists with the same content. A newer file, or a link in its
-/// path, is an error. `option`: the option that names the directory `to`.
+/// Returns whether the file must be written: `false` if it exists with the same content. A newer file, or a
+/// link in its path, is an error. `option` is the command-line option that names the directory `to`, for
+/// error messages.
 fn is_to_be_written(
     (to, option): (&Path, &str),
     name: &Path,

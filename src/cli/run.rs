@@ -102,7 +102,7 @@ impl Replacement {
     }
 }
 
-/// Writes pending log lines, and waits for that at most [`LOG_WRITTEN_WITHIN`].
+/// Writes pending log lines. Waits at most [`LOG_WRITTEN_WITHIN`] until they are written.
 fn write_log(log: WorkerGuard) {
     let (written, is_written) = channel();
     std::thread::spawn(move || {
@@ -286,8 +286,8 @@ fn handed_over(arguments: &Arguments, arrival: &Arrival) -> anyhow::Result<Optio
     Ok(arrival.is_announced(&digest).then_some(run_profile))
 }
 
-/// Checks whether this program could replace the gateway with this command socket. The error is the reason why it could
-/// not.
+/// Checks whether this program could replace the running gateway that has the command socket `socket`. The
+/// error is the reason why this program could not replace it.
 fn check(arguments: &Arguments, socket: &Path) -> anyhow::Result<()> {
     let (loaded, sources) = run_profile::read(&arguments.profile, answer_of_check())?;
     let profile = &warned(loaded);
@@ -323,7 +323,8 @@ fn claim(profile: &Profile, directory: &Path, options: &mut Options) -> anyhow::
     claims::claim(claimed, directory).map_err(anyhow::Error::msg)
 }
 
-/// Returns the settings of the web page in the profile. If `listen` is given, it replaces the address.
+/// Returns the settings of the web page in the profile, with the address `listen` if it is given. `None` if
+/// the profile has no `[web]`, and `listen` is not given.
 fn web(listen: Option<&str>, profile: &Profile) -> Option<Web> {
     let Some(listen) = listen else { return profile.web.clone() };
     Some(Web { listen: listen.to_owned(), ..profile.web.clone().unwrap_or_default() })

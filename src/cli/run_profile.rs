@@ -102,7 +102,8 @@ pub(super) fn watched(kept: Option<&KeptProfile>, arguments: &ProfileArguments) 
     changes
 }
 
-/// Reads a profile from disk, and stores its source files in `file`.
+/// Reads a profile from disk, and stores its source files in `file`. Also returns the stored source files;
+/// `None` without `file`.
 pub(super) fn read(
     arguments: &ProfileArguments,
     file: Option<File>,

@@ -23,9 +23,10 @@ pub(super) fn socket(state: Option<&Path>, profile: &Profile) -> anyhow::Result<
     of_machine(state, profile.history.directory.as_deref(), &profile.name)
 }
 
-/// Returns a warning if the relative path of the state directory is probably wrong. This is so if the directory has no
-/// saved state and no running gateway of this machine, but another known directory has. The command was then perhaps
-/// given in another working directory than before.
+/// Returns a warning if the relative path `state` probably names the wrong state directory. The named
+/// directory then has no saved state and no running gateway of this machine, but another known directory has.
+/// The user may have given the command in another working directory than before. `None` if there is no such
+/// suspicion.
 pub(super) fn other_directory(state: Option<&Path>, profile: &Profile) -> Option<String> {
     let named = state.filter(|named| named.is_relative())?;
     let (machine, here) = (&profile.name, std::path::absolute(named).ok()?);

@@ -169,8 +169,8 @@ fn settings(line: &LineAddress, bauds: &[u32], parities: &[Parity]) -> Vec<LineA
 /// Results of the scan so far.
 struct ScanResults {
     found: Vec<(LineAddress, Responder)>,
-    /// Faults from which the user knows that a device is connected to the line, but not its unit number. Each fault is
-    /// listed once, with its line.
+    /// Faults that show that a device is connected to the line, but do not show its unit number. Each fault
+    /// is listed once, with its line.
     noticed: Vec<(LineAddress, Fault)>,
     hints: Hints,
     ranges: Vec<(u8, RegisterRange)>,

@@ -11,7 +11,7 @@ use rustix::fs::OFlags;
 use crate::cli::print::say_beside;
 use isotherm_profile::safe_file;
 
-/// User that the package creates, as which the service runs.
+/// Name of the user that the package creates. The service runs as this user.
 const USER: &str = "isotherm";
 /// Directory of the profiles that the service runs.
 const PROFILES: &str = "/etc/isotherm";
@@ -27,8 +27,8 @@ enum Owner {
     PerhapsService,
 }
 
-/// Gives a new secret file to the user of the service, if root has created it next to the profiles of the service.
-/// Elsewhere, prints the command for that.
+/// Gives a new secret file to the user of the service, if root has created it next to the profiles of the
+/// service. If root has created the file in another directory, prints the command that changes the owner.
 ///
 /// # Errors
 /// The owner cannot be changed. The message contains the command that changes it.

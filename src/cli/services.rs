@@ -14,8 +14,8 @@ use crate::observe::http::{self, HttpListener, Limits};
 use crate::observe::status::GatewayApi;
 use isotherm_profile::Web;
 
-/// Open sockets that are not served yet. They are opened before the gateway starts, so that their errors are known in
-/// time.
+/// Open sockets that are not served yet. They are opened before the gateway starts, so that an error is known
+/// before the first device is polled.
 #[derive(Default)]
 pub(super) struct Sockets {
     page: Option<Page>,

@@ -21,9 +21,10 @@ const LOOK_AGAIN: Duration = Duration::from_secs(1);
 /// µm and back, within the limits of the profile. You enter the direction in which the pointer of the gauge moved. Then
 /// the verb shows the expected direction.
 ///
-/// The axis must be armed. The verb waits until it compensates. An axis without a model is armed for the check only, and
-/// its Cz is zero before and after. If its register holds another value, the verb first moves it to zero. During the
-/// check nothing else changes Cz. If you do not answer in time, or leave, the gateway removes the +5 µm.
+/// The axis must be armed. The verb waits until the axis compensates. An axis without a model is armed for
+/// the check only, and its Cz is zero before and after. If its register holds another value, the verb first
+/// moves it to zero. During the check nothing else changes Cz. If you do not answer in time, or leave, the
+/// gateway removes the +5 µm.
 #[derive(clap::Args, Debug)]
 #[command(
     after_help = "Examples:\n  isotherm sign my-machine.toml --axis z\n  isotherm sign my-machine.toml --axis z --answer plus"
@@ -92,7 +93,8 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// Returns the value of the register of an axis without a model, µm, if it is not zero.
+/// Returns the offset in the register of an axis, µm, if the axis has no model and the offset is not zero.
+/// Otherwise `None`.
 fn held_without_model(profile: &Profile, own: &Value) -> Option<f64> {
     let place = profile.axes.iter().position(|axis| own["name"] == axis.settings.name.as_str())?;
     let held = own["verified_um"].as_f64().filter(|_| own["has_model"] == false)?;
@@ -112,7 +114,8 @@ fn return_to_zero(socket: &Path, axis: &str, profile: &Profile) -> anyhow::Resul
     }
 }
 
-/// Returns the entry of an axis in the gateway's status. If no gateway runs, returns an error.
+/// Returns the entry of an axis in the gateway's status. Returns an error if no gateway runs, or if the
+/// gateway has no such axis.
 fn status_of(socket: &Path, axis: &str) -> anyhow::Result<Value> {
     let status: Value = serde_json::from_str(&control::status(socket)?)?;
     let axes = status["axes"].as_array().map_or(&[][..], Vec::as_slice);

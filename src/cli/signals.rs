@@ -1,5 +1,5 @@
-//! Signals SIGTERM, SIGINT and SIGHUP. The first one requests an orderly stop, the second one an immediate end. SIGXFSZ
-//! ends nothing.
+//! Signals SIGTERM, SIGINT and SIGHUP. The first one requests an orderly stop, the second one an immediate
+//! end. SIGXFSZ (a file has reached its largest size) does not end the program.
 
 use tokio::signal::unix::{Signal, SignalKind, signal};
 use tokio::sync::watch;

@@ -97,8 +97,8 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     })
 }
 
-/// Returns the error of a virtual machine that does not start. If it cannot listen at an address, the error has cause
-/// and remedy.
+/// Returns the error message for a virtual machine that does not start. If a virtual device cannot listen at
+/// its address, the message also contains cause and remedy.
 fn explained(error: VirtualMachineError) -> anyhow::Error {
     if let VirtualMachineError::Listen { source, .. } = &error {
         return anyhow::anyhow!("{error}: {}", system(source));

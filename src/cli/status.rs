@@ -75,7 +75,8 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     }
 }
 
-/// Returns the reasons why the machine is not compensated, with each hint once at the end. `None` if there are none.
+/// Returns the reasons why the machine is not compensated, in one line. The hints follow at the end, without
+/// duplicates. `None` if there is no such reason.
 fn unhealthy(status: &Value) -> Option<String> {
     let axes = status["axes"].as_object().into_iter().flat_map(Map::values);
     let devices = status["devices"].as_array().into_iter().flatten();

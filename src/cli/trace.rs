@@ -13,7 +13,8 @@ use crate::gateway::control;
 /// Shows the traffic between the running gateway and one of its devices: the bytes and meaning of each frame, and the
 /// response time. Timeouts and invalid answers are included.
 ///
-/// A trace changes nothing on the line, and uses no processor time when no trace is active. Times are UTC.
+/// A trace changes nothing on the line. While no trace is active, tracing uses no processor time. Times are
+/// UTC.
 #[derive(clap::Args, Debug)]
 #[command(
     mut_arg("json", |json| json.help("Prints one JSON document on each line")),

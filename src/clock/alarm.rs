@@ -1,8 +1,9 @@
 //! Kernel timers for distant deadlines.
 //!
-//! tokio stores its timers in several wheels (lists of timers by deadline). A timer beyond the range of the first wheel
-//! wakes the computer once more, only to be moved to another wheel. Each timer is rounded to milliseconds. On an idle
-//! computer, such an additional wake-up costs more than the work of the task itself.
+//! tokio stores its timers in several wheels (lists of timers by deadline), and rounds them to milliseconds.
+//! A timer beyond the range of the first wheel wakes the computer once more, only to be moved to another
+//! wheel. On an idle computer, this additional wake-up costs more than the work of the task. Distant
+//! deadlines therefore use kernel timers.
 
 use std::sync::Arc;
 use std::time::Duration;

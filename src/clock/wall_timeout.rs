@@ -6,8 +6,10 @@
 //! divides the timeout into [`SLICES`](WallTimeout::SLICES). A slice that ends late counts as only one slice, and the
 //! runtime lets every device act between two slices.
 //!
-//! The timer is set once. It is moved if it fires too early, and postponed while a line is idle. Nearly all requests
-//! are answered in time. Such a request sets no timer on a busy line, and causes no wake-up on an idle one.
+//! The timer of an earlier request stays set for the next requests. If it fires before the timeout of the
+//! present request, it is moved to this timeout. While a line is idle, the timer is postponed. A request that
+//! is answered in time, as nearly all are, therefore sets no timer on a busy line. On an idle line, it causes
+//! no wake-up of the computer.
 
 #![allow(clippy::disallowed_types, reason = "timeouts are wall time")]
 

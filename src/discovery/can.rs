@@ -1,4 +1,4 @@
-//! State of the CAN interfaces of a profile, and advice with commands for them.
+//! State of the CAN interfaces of a profile, and advice with the commands that correct a wrong state.
 
 use serde::Serialize;
 

@@ -1,6 +1,6 @@
-//! Test of a device that does not serve a planned read of several values. The test divides the read into other reads,
-//! with other quirks (profile settings for peculiar devices). It finds the quirks with which the device serves all
-//! values. The test only reads.
+//! Test of a device on which a planned read fails. A planned read is one request for the registers of several
+//! values. The test divides the failed read into other reads, with other quirks (profile settings for
+//! peculiar devices). It finds the quirks with which the device returns all values. The test only reads.
 
 use serde::Serialize;
 
@@ -15,7 +15,7 @@ use isotherm_profile::{Device, DeviceId, Profile, Quirks};
 /// Lengths, in registers, that the test tries one after another if a longer read fails.
 const LENGTHS: [u16; 7] = [64, 32, 16, 8, 4, 2, 1];
 
-/// Device that does not serve a planned read, but serves the same values with other quirks.
+/// Device on which a planned read fails, and which returns the same values with other quirks.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct MergedReadTest {
     /// Name of the device in the profile.

@@ -21,7 +21,8 @@ pub struct PipelineTest {
     pub bus: String,
     /// Name of the device in the profile.
     pub device: String,
-    /// Description of the failure; `None` if the device supports two requests at a time.
+    /// Description of the failure; `None` if the device supports two requests at a time, or if a single
+    /// request fails already.
     pub fault: Option<String>,
 }
 

@@ -1,5 +1,5 @@
-//! Search for the units that answer on a line. Each unit gets reads of one register. An exception counts as an answer
-//! too.
+//! Search for the units that answer on a line. The scan requests one register from each unit number. An
+//! exception counts as an answer too.
 
 use std::ops::RangeInclusive;
 use std::time::Duration;
@@ -184,8 +184,9 @@ fn is_of_no_unit(fault: Fault, transport: Transport) -> bool {
     }
 }
 
-/// Classifies an answer; returns `None` if the answer shows that no such unit exists. A Modbus gateway to a serial line
-/// reports this with exception 10 or 11. Some devices close the connection if the unit number is not their own.
+/// Returns the kind of an answer. `None` if the unit did not answer, or if the answer shows that no such unit
+/// exists. A Modbus gateway to a serial line reports a missing unit with exception 10 or 11. Some devices
+/// close the connection if the unit number is not their own.
 fn how(answer: &Result<Answer, Fault>) -> Option<AnswerKind> {
     if let Some(code) = answer.as_ref().err().and_then(|fault| fault.exception_code()) {
         return (!matches!(code, 10 | 11)).then_some(AnswerKind::Exception(code));

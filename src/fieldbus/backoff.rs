@@ -35,8 +35,9 @@ impl Backoff {
         self.not_before
     }
 
-    /// Records a failed attempt. The next pause is twice as long as the previous pause, minus a random part of up to a
-    /// quarter.
+    /// Records a failed attempt at `now`. The pause after the first failure is the shortest one, and doubles
+    /// with each further failure, up to 30 seconds. A random part of up to a quarter is subtracted from each
+    /// pause.
     pub fn fail(&mut self, now: Moment) {
         let doubled = self.shortest.saturating_mul(1 << self.failures.min(16)).min(LONGEST);
         self.failures = self.failures.saturating_add(1);

@@ -280,7 +280,7 @@ impl Fault {
         }
     }
 
-    /// Returns the code of a Modbus exception, with or without surplus bytes.
+    /// Returns the code of a Modbus exception, with or without surplus bytes; `None` for other faults.
     pub const fn exception_code(self) -> Option<u8> {
         match self {
             Fault::Exception(code) | Fault::Peer(PeerFault::LongException(code)) => Some(code),
@@ -381,8 +381,8 @@ impl Fault {
         matches!(self, Fault::Link(fault) if !matches!(fault, LinkFault::Broken))
     }
 
-    /// Returns whether the fault excludes the power and the cable of the device as causes. Either the other end
-    /// answers, or the fault is in files of this computer.
+    /// Returns whether neither the power nor the cable of the device can be the cause of the fault. Either
+    /// the other end answers, or the cause is on this computer.
     pub const fn excludes_wiring(self) -> bool {
         matches!(self, Fault::Link(LinkFault::OpcUa(_) | LinkFault::Tls(_) | LinkFault::NoDescriptors))
     }

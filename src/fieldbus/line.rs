@@ -11,26 +11,29 @@
 //! The age of an answer counts from the time at which its request was sent. An answer that arrives after its timeout is
 //! discarded.
 //!
-//! After a wrong answer the line drops the connection. Otherwise every later request on the connection could get the
-//! answer to the request before. After a timeout over TCP the line keeps the connection: a late answer has the
-//! transaction number of its request, and is discarded. The line drops the connection after several timeouts in a row.
-//! If a Modbus gateway has returned a wrong transaction number before, it drops the connection after each timeout, see
-//! `line/settle.rs`.
+//! After a wrong answer the line drops the connection. Otherwise every later request on the connection could
+//! get the answer to the request before. After a timeout over TCP the line keeps the connection: a late
+//! answer has the transaction number of its request, and is discarded. The line drops the connection after
+//! several timeouts in a row. If a Modbus gateway has returned a wrong transaction number before, the line
+//! drops the connection after each timeout, see `line/settle.rs`.
 //!
-//! On RTU, answers have no transaction number, and a new connection does not help, because a late answer may also
-//! arrive on it. On such a line the unit gets no request, under any device name, until [`GRACE`] further timeouts have
-//! passed. Input that arrives until then is discarded. A unit that is known to answer promptly waits less, see
+//! On RTU, answers have no transaction number. A new connection does not help, because a late answer may also
+//! arrive on the new connection. The line therefore sends no request to the unit until [`GRACE`] further
+//! timeouts have passed. This applies to all devices of the profile with this unit number. Input that arrives
+//! until then is discarded. For a unit that is known to answer promptly, the line waits less, see
 //! [`super::kinds::modbus::pending_replies`].
 //!
-//! An answer that arrives even later cannot be distinguished from the answer to the next request. The timeout must
-//! therefore be at least a quarter of the longest answer time of a device. After two timeouts in a row the line opens
-//! the port again, because an adapter may hang. A unit behind a Modbus gateway (from TCP to a serial line) waits in the
-//! same way, see `line/late_replies.rs`. The unit must also prove that its answers are in order, see `line/control.rs`.
+//! An answer that arrives even later cannot be distinguished from the answer to the next request. The timeout
+//! must therefore be at least a quarter of the longest answer time of a device. After two timeouts in a row
+//! the line opens the port again, because an adapter may hang. For a unit behind a Modbus gateway (from TCP
+//! to a serial line), the line waits in the same way, see `line/late_replies.rs`. The line also checks that
+//! the answers of such a unit are in order, see `line/control.rs`.
 //!
-//! A device that failed gets no request during a pause that doubles with each failure. During the pause the line serves
-//! its other devices. A dead unit therefore costs them at most one timeout per pause. A dead unit behind a Modbus
-//! gateway may cost them the longer timeout of the Modbus gateway, see `line/gateway_turns.rs`. A line that cannot
-//! connect backs off in the same way. `line/retry.rs` decides which requests are repeated.
+//! A device that failed gets no request during a pause that doubles with each failure. During the pause the
+//! line serves its other devices. A dead unit therefore delays the other devices by at most one timeout per
+//! pause. A dead unit behind a Modbus gateway may delay them by the longer timeout of the Modbus gateway, see
+//! `line/gateway_turns.rs`. A line that cannot connect backs off in the same way. `line/retry.rs` decides
+//! which requests are repeated.
 
 use std::pin::pin;
 use std::sync::Arc;
@@ -70,16 +73,17 @@ mod units;
 pub use modbus_gateway::LONGEST_GATEWAY_WAIT;
 pub use request_observer::RequestObserver;
 
-/// Number of timeouts after the first one, during which a late answer may still arrive. The unit gets no request until
-/// these timeouts have passed.
+/// Time after a timeout during which a late answer may still arrive, in multiples of the timeout. The unit
+/// gets no request until this time has passed.
 pub const GRACE: u32 = 3;
 /// Number of timeouts in a row after which the line opens the port again, if answers have no transaction number. With
 /// transaction numbers, a line with several units allows more timeouts.
 const MISSES: u32 = 2;
 
-/// Limit below which an idle time of the line counts as short. During a short idle time of a busy computer, the line
-/// only moves the timer of its timeout, which takes less processor time. The moved timer may wake the computer once
-/// more, as other tasks do in any case.
+/// Limit below which an idle time of the line counts as short. If many tasks wait for the clock, the line
+/// moves the timer of its timeout during a short idle time, instead of replacing the timer. This takes less
+/// processor time. The old deadline may wake the computer once more, but the other tasks wake the computer in
+/// any case.
 const SHORT_REST: Duration = Duration::from_millis(250);
 
 /// One physical bus line. Only the task that owns this value sends requests on the line.

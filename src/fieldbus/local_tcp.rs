@@ -1,9 +1,10 @@
 //! TCP stream that tries to read the answer at once, before it waits in the event queue.
 //!
-//! A control on the same computer (a software PLC, LinuxCNC) answers within microseconds once it gets the processor.
-//! Waiting in the event queue takes longer than such an answer. The stream therefore first yields the processor once,
-//! and reads again. If the peer is another computer, this would waste time, so the stream does not do it. If answers
-//! repeatedly do not arrive in that time, the stream tries it only for one request in [`SELDOM`].
+//! A control on the same computer (a software PLC, LinuxCNC) answers within microseconds once it gets the
+//! processor. Waiting in the event queue takes longer than such an answer. The stream therefore reads at
+//! once, yields the processor, and reads again. If the peer is another computer, such an attempt would waste
+//! time, and the stream waits in the event queue at once. After [`IN_VAIN`] attempts in a row without an
+//! answer, the stream makes an attempt only for one request in [`SELDOM`].
 
 use std::io::{self, Read, Write};
 use std::pin::Pin;
@@ -24,8 +25,8 @@ const IN_VAIN: u32 = 8;
 pub(super) struct LocalTcp {
     stream: TcpStream,
     is_local: bool,
-    /// Number of consecutive attempts to read at once that found no answer. At [`IN_VAIN`], requests without an attempt
-    /// are counted too.
+    /// Number of consecutive attempts to read at once that found no answer. From [`IN_VAIN`] on, requests
+    /// without an attempt are counted too.
     in_vain: u32,
     /// Whether the next read may be tried at once: a request was sent, and no such attempt was made for its answer.
     /// After one attempt the stream waits in the event queue, so that a peer that never stops sending blocks no other

@@ -40,8 +40,9 @@ impl Port for TcpStream {
 
 impl Port for DuplexStream {}
 
-/// Returns whether the other end closed an idle stream in an orderly way. A device that is switched off does not close
-/// its connections. The device resets its old connections when it runs again.
+/// Returns whether the other end closed an idle stream in an orderly way. `error` is the error of the stream;
+/// `None` if the stream ended without an error. A device that is switched off does not close its connections,
+/// and resets them when it runs again.
 pub(super) fn is_in_order(error: Option<&io::Error>) -> bool {
     // A reset after a close is a broken pipe. Many devices close TLS without its closing message, an unexpected end.
     error.is_none_or(|error| matches!(error.kind(), io::ErrorKind::BrokenPipe | io::ErrorKind::UnexpectedEof))

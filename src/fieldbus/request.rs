@@ -38,8 +38,9 @@ pub struct NodeReading {
     pub value: Result<Encoded, Reason>,
     /// Age of the value by its time stamp, if the server sent a time stamp.
     pub stamped: Stamped,
-    /// Time from which the age of the value counts. A value of a subscription is as old as the Publish request that the
-    /// server answered with it. `None`: the age counts from the present request.
+    /// Time from which the age of the value counts. For a value of a subscription, this is at the latest the
+    /// time of the Publish request that the server has answered. `None`: the age counts from the present
+    /// request.
     pub asked: Option<Moment>,
 }
 
@@ -131,11 +132,10 @@ impl Answer {
         if let Answer::Nodes(nodes) = self { nodes.get(usize::from(field.at)) } else { None }
     }
 
-    /// Returns the registers of one value, whose position in the answer is `field`. An answer without registers has
-    /// none.
+    /// Returns the registers of one value. `field` is the position of the value in the answer.
     ///
     /// # Errors
-    /// [`Reason::BadReply`] if the answer does not contain them.
+    /// [`Reason::BadReply`] if the answer contains no registers, or no registers at this position.
     pub fn encoded(&self, field: &plan::Field) -> Result<Encoded, Reason> {
         let (from, to) = (usize::from(field.at), usize::from(field.at) + usize::from(field.len));
         match self {
@@ -144,7 +144,7 @@ impl Answer {
         }
     }
 
-    /// Decodes the value of a signal from `field`, its part of the answer.
+    /// Decodes the value of a signal. `field` is the position of the value in the answer.
     ///
     /// # Errors
     /// The reason why the signal has no valid value.

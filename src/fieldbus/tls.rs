@@ -1,5 +1,6 @@
-//! Modbus/TCP Security: Modbus TCP inside TLS, as the Modbus Organization specifies it (MB-TCP-Security v2.1), by
-//! rustls.
+//! TLS by rustls: clients for Modbus lines, for the MQTT broker and for servers in the plant, and the server
+//! of the web page. Modbus TCP inside TLS is Modbus/TCP Security of the Modbus Organization (MB-TCP-Security
+//! v2.1).
 
 use std::time::Duration;
 

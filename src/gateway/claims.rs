@@ -1,10 +1,10 @@
 //! Claims: each gateway of this computer publishes a claim, the list of registers that it writes to. A second gateway
 //! that would write to one of these registers does not start.
 //!
-//! A gateway that writes listens on an abstract socket of its network namespace, and sends its claim to each client
-//! (module `sockets`). An abstract socket needs no directory and no permission. Every user can see it, and it
-//! vanishes with its process. A bus address means the same device to all programs of one network namespace, so a
-//! claim need not be visible outside this namespace.
+//! A gateway that writes listens on an abstract socket of its network namespace, and sends its claim to each
+//! client (module `sockets`). An abstract socket needs no directory and no permission. Every user can see the
+//! socket, and the kernel removes the socket when its process ends. A bus address means the same device to
+//! all programs of one network namespace, so a claim need not be visible outside this namespace.
 //!
 //! A gateway that starts opens its own socket first, and then compares its claim with the others. If two gateways start
 //! at the same moment, the one with the lower random number continues.
@@ -120,9 +120,11 @@ pub fn could_claim(profile: &Profile, directory: &Path) -> Result<(), String> {
     compare_with_others(&claim, |other| other.process == parent && other.state == directory).map(drop)
 }
 
-/// Compares the own claim with the claims of all other gateways, except those for which `is_ignored` is true. If
-/// another gateway starts at the same moment, the gateway with the lower random number waits until the other gateway
-/// has ended. Returns a sentence with the reason if a gateway could not be checked.
+/// Compares the claim `own` of this gateway with the claims of all other gateways, except those for which
+/// `is_ignored` is true. If another gateway starts at the same moment, the gateway with the lower random
+/// number waits until the other gateway has ended. Returns a sentence with the reason if a gateway could not
+/// be checked. An error means that another gateway writes to a common register, or does not send its claim.
+/// The error is a message for the operator.
 fn compare_with_others(own: &Claim, is_ignored: impl Fn(&Claim) -> bool) -> Result<Option<String>, String> {
     let begun = BootClock::default().passed();
     loop {

@@ -1,5 +1,5 @@
-//! State that the tasks of the gateway share: its lock, the access of a bus line to it, and the calculations that run
-//! while it is locked.
+//! Shared state of the gateway's tasks: the lock of the state, the access of a line task to the state, and
+//! the calculations that run under the lock.
 
 pub(super) mod carry_out;
 pub(super) mod learning;

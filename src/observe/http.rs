@@ -1,4 +1,5 @@
-//! HTTP server of the gateway: web page, status, live stream, metrics, health and commands.
+//! HTTP server of the gateway: web page, status, live stream, metrics, health and commands. Each request
+//! passes the following modules and checks:
 //!
 //! ```text
 //! listener (limits) ──► request (one host) ──► peer (proxies) ──► access (method, permission)

@@ -5,10 +5,10 @@
 //! unreachable broker are bounded. Messages that do not fit are dropped, counted and reported.
 //!
 //! # Layout
-//! - `snapshot`, `event_queue`: the state and the events, as metrics.
-//! - `run`: connects, publishes and waits. `record_queue`: queue for an unreachable broker. `commands`: received
-//!   messages. `memory`: what earlier runs have published. `denials`: topics that the broker refuses. `host_report`:
-//!   reports about the primary host.
+//! - `snapshot`: conversion of the state to metrics. `event_queue`: queue of the events.
+//! - `run`: connects, publishes and waits. `record_queue`: queue for an unreachable broker. `commands`:
+//!   received messages. `memory`: topics and death number that earlier runs have published. `denials`: topics
+//!   that the broker refuses. `host_report`: reports about the primary host.
 //! - `broker`: interface of a broker. `client`: its implementation.
 
 use std::collections::VecDeque;

@@ -1,9 +1,10 @@
 //! Delivery of events to the servers of `[[notify]]` over HTTP. Each message is one JSON document.
 //!
-//! Each server has an [`Outbox`]. Code that reports an event adds a message to it without waiting. If the outbox is
-//! full, the oldest message is dropped. A separate thread sends the messages in order. Neither a bus line nor a web
-//! page waits for this thread. A failed message is sent again a few times, after growing pauses, and then given up.
-//! Events report when deliveries begin to fail, when they succeed again, and how many messages were lost.
+//! Each server has an [`Outbox`]. Code that reports an event adds a message to the outbox without waiting. If
+//! the outbox is full, the oldest message is dropped. A separate thread sends the messages in order. Neither
+//! a bus line nor a web page waits for this thread. A failed message is sent again a few times, after growing
+//! pauses, and then given up. Events report when deliveries begin to fail, when they succeed again, and how
+//! many messages were lost.
 //!
 //! # Layout
 //! - `outbox`: the queue, and the selection of events. `message`: the document.
@@ -120,7 +121,8 @@ impl Posting {
     }
 }
 
-/// Sends all messages until `stopped` is set. From then on, the remaining messages have the time [`stop::MESSAGES`].
+/// Sends all messages until `stopped` is set. The remaining messages must then be sent within
+/// [`stop::MESSAGES`].
 async fn all(
     routes: Vec<(Arc<Outbox>, Server)>,
     rules: Rules,

@@ -4,9 +4,10 @@
 //! clients ─► gate (limits) ─► library (loopback) ─► nodes ◄─ updates ◄─ status of the gateway
 //! ```
 //!
-//! A separate thread serves the clients. It reads the status that the web page shows. Neither a bus line nor a web page
-//! waits for this thread. While no client is connected, the thread does not read the status. The thread has the normal
-//! priority. With a lower priority, it could be interrupted for long while it holds the lock of the status.
+//! A separate thread serves the clients. It reads the status that the web page shows. Neither a bus line nor
+//! a web page waits for this thread. While no client is connected, the thread does not read the status. The
+//! thread has the normal priority. A thread with a lower priority could be interrupted for a long time while
+//! it holds the lock of the status.
 //!
 //! # Layout
 //! - `catalogue`, `tree`: the fields of the status, and the nodes made of them.
@@ -65,7 +66,7 @@ pub struct Serving {
     _thread: JoinHandle<()>,
 }
 
-/// Place at which the server runs: its state directory, and its computer.
+/// Environment of the server: state directory, name of the computer, and limit on connections.
 #[derive(Clone, Debug)]
 pub struct ServerPlace {
     /// State directory of the gateway.

@@ -326,8 +326,8 @@ fn main(words: &Words, may: PageAction, is_signed_in: bool) -> Markup {
     }
 }
 
-/// Makes the part of the front page with the commands. Below each button, the page shows the present state and what the
-/// command will do.
+/// Makes the part of the front page with the commands. Below each button, the page shows the present state
+/// and the effect of the command.
 fn commands(words: &Words, may: PageAction, is_signed_in: bool) -> Markup {
     html! {
         section .commands aria-labelledby="commands-title" {

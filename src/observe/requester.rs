@@ -1,10 +1,10 @@
 //! Requester of a command: its channel, its deadline, and whether it still waits for the answer.
 //!
-//! **A command begins within its deadline, or it is dropped.** A requester waits [`ANSWER_TIMEOUT`] for an answer. If
-//! the gateway is suspended, a request may wait in a socket for longer than that; such a request is dropped. The
-//! commands of isotherm send their deadline, by a clock that they share with the gateway. For other requesters, the
-//! gateway checks two things: their connection, and for how long the gateway did not serve the sockets
-//! ([`ServiceTimes`]).
+//! **A command begins within its deadline, or it is dropped.** A requester waits [`ANSWER_TIMEOUT`] for an
+//! answer. If the gateway is suspended, a request may wait in a socket for a longer time. The gateway then
+//! drops the request. The commands of isotherm send their deadline, by a clock that they share with the
+//! gateway. For other requesters, the gateway checks two things: their connection, and for how long the
+//! gateway did not serve the sockets ([`ServiceTimes`]).
 
 use std::fmt;
 use std::os::fd::AsFd;
@@ -21,7 +21,7 @@ use crate::clock::{BootClock, Ticks};
 pub const ANSWER_TIMEOUT: Duration = Duration::from_secs(5);
 /// Interval at which [`ServiceTimes`] records that the sockets are served.
 const LOOK_EVERY: Duration = Duration::from_secs(1);
-/// Maximum time between two services of the sockets that does not count as a gap, in milliseconds.
+/// Threshold for a gap, in milliseconds: a longer time between two services of the sockets counts as a gap.
 const SHORTEST_GAP: u64 = 1100;
 
 /// Channel over which a command was received.
@@ -40,7 +40,7 @@ pub enum Channel {
     OpcUa,
     /// Setting `arm = "auto"` of the profile, which arms without a command.
     Auto,
-    /// State before a restart: an armed axis is armed again.
+    /// Saved state before a restart: an axis that was armed is armed again.
     Restart,
 }
 
@@ -147,7 +147,8 @@ pub struct ServiceTimes(Arc<SampleTimes>);
 struct SampleTimes {
     /// Last time at which the sockets were served, in milliseconds since the start of the computer.
     last: AtomicU64,
-    /// Start and end (`after`) of the last gap of more than [`SHORTEST_GAP`] in which the sockets were not served.
+    /// Start of the last gap of more than [`SHORTEST_GAP`] in which the sockets were not served. `after` is
+    /// its end.
     before: AtomicU64,
     after: AtomicU64,
 }

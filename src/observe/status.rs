@@ -33,8 +33,8 @@ pub use learned::{CandidateStatus, LearnedStatus};
 pub use probe::{GainStatus, ProbeStatus, ProbedStatus, WorseStatus};
 pub use profile_changes::ProfileChanges;
 
-/// Interface that returns the state of a running gateway and accepts commands. It can be used from any thread, and
-/// never makes the bus lines wait.
+/// Interface that returns the state of a running gateway and accepts commands. The interface can be used from
+/// any thread, and never makes the bus lines wait.
 pub trait GatewayApi: Send + Sync + 'static {
     /// Returns the present state.
     fn status(&self) -> Status;
@@ -144,7 +144,8 @@ pub enum Command {
     Arm,
     /// Disarms axes. The registers keep their values.
     Disarm,
-    /// Captures zero: takes the present values as the references that the profile gives as "zero".
+    /// Captures zero: the present values of the signals become the references for which the profile has
+    /// `reference = "zero"`.
     Zero,
     /// Withdraws a waiting request to arm, and ends a sign check.
     Cancel,
@@ -198,7 +199,8 @@ pub struct Status {
     pub clock: &'static str,
     /// Seconds since the gateway started.
     pub uptime_s: f64,
-    /// Seconds since machine start; `None` if the machine has not started since the gateway knows it.
+    /// Seconds since machine start, without the time in which the gateway did not run; `None` if the gateway
+    /// has never detected a machine start.
     pub machine_on_s: Option<f64>,
     /// Language of the web page; with `None`, the page uses that of the browser.
     #[serde(skip)]
@@ -490,7 +492,8 @@ pub struct SignalStatus {
     /// Hint at the end of `reason`; `None` if there is no hint.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub hint: Option<String>,
-    /// Place where the operator corrects the cause; `None` if the value may be used.
+    /// Location of the cause, where the operator corrects it: connection, device settings, sensor or profile.
+    /// `None` if the value may be used.
     #[serde(skip)]
     pub remedy: Option<Remedy>,
     /// Seconds since the measurement; `None` if nothing was measured yet.
@@ -569,11 +572,11 @@ pub struct OutputStatus {
     pub shares: Option<SharesStatus>,
     /// Value that the control reports as applied, in the output's unit; `None` if it reports none.
     pub applied: Option<f64>,
-    /// Note on the value: it waits for a late write, or the device acknowledges it without read-back. Empty without a
-    /// note.
+    /// Note on the value: the gateway waits for a late write, or the value was acknowledged and not read
+    /// back. Empty without a note.
     pub note: String,
-    /// Maximum time, in seconds, until the gateway changes the register: it waits for an earlier write that may arrive
-    /// late.
+    /// Maximum time, in seconds, until the gateway changes the register, because an earlier write may still
+    /// arrive. `None` if no change waits.
     pub waits_s: Option<f64>,
     /// Number of verified writes.
     pub writes_done: u64,

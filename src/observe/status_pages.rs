@@ -15,7 +15,8 @@ use isotherm_profile::Overridden;
 
 /// Maximum number of devices on a page.
 const DEVICES: usize = 50;
-/// Maximum number of axes in the same state that every page contains. The web page names one axis less.
+/// Maximum number of axes in the same state that every page contains. The web page shows at most four of
+/// their names, and `…` if there are more.
 const MOST_OF_A_KIND: usize = 5;
 /// Maximum number of alarms on a page. If a network switch fails, each device of a large machine may have alarms.
 const ALARMS: usize = 100;
@@ -133,7 +134,8 @@ impl StatusPage<'_> {
     }
 }
 
-/// Returns the most urgent alarms in this order: errors first, then those without an acknowledgement, then the newest.
+/// Returns the most urgent alarms, at most [`ALARMS`]. Errors come first. Among alarms of equal severity,
+/// alarms without an acknowledgement come first, then the newest alarms.
 fn most_urgent(alarms: &[Alarm]) -> Vec<&Alarm> {
     let mut alarms: Vec<&Alarm> = alarms.iter().collect();
     // The status has the newest alarms first, and this sort keeps the order of equals.

@@ -4,10 +4,10 @@
 //!
 //! ```text
 //! dictionary  the objects of a node and its SDO server                    pure: bytes and a time in, frames out
-//! node        NMT state, heartbeat, PDOs by timer or SYNC, emergencies    pure, as dictionary
-//! frames      content of a device's frames: values as bits of a frame and back
+//! node        NMT state, heartbeat, PDOs by timer or SYNC, emergencies    pure, as `dictionary`
+//! frames      conversion between stored values and the bits of frames
 //! power_on    initial state of a node at power-on, from the profile
-//! line        the socket of an interface, and the time
+//! line        socket of an interface, and the times at which its devices act
 //! ```
 
 pub(crate) mod dictionary;

@@ -1,6 +1,7 @@
-//! Control side of output sets and handshakes. With a handshake, the control acknowledges a strobe signal after a
-//! delay, and then accepts the values. If the set has a sequence number, that number must have changed. Without a
-//! handshake, the control accepts the values when the sequence number changes. Without either, it accepts them at once.
+//! Virtual control that receives output sets, with or without a handshake. With a handshake, the control
+//! acknowledges a strobe signal after a delay, and then accepts the values. If the set has a sequence number,
+//! that number must have changed. Without a handshake, the control accepts the values when the sequence
+//! number changes. Without handshake and sequence number, the control accepts the values at once.
 
 use std::time::Duration;
 
@@ -24,7 +25,7 @@ pub struct AcceptedSet {
     pub words: Vec<Vec<u16>>,
 }
 
-/// Virtual control as it handles one output set: its handshake, and the values that it has accepted.
+/// State of the virtual control for one output set: handshake, and accepted values.
 #[derive(Clone, Debug)]
 pub(super) struct Control {
     pub(super) set: SetId,

@@ -5,11 +5,14 @@
 //! [[fault]]
 //! device = "thermocouples"
 //! kind = "silent"
-//! at = "2h"          # machine time since the start of the virtual machine     optional; the fault begins after both,
-//! after = 100        # requests to that device                                 and without both at once
-//! for = 20           # faulty replies, or …                                    without either: forever
-//! # for_time = "10min"
+//! at = "2h"          # optional: time since the start of the virtual machine
+//! after = 100        # optional: number of requests to the device
+//! for = 20           # optional: number of faulty replies
+//! # for_time = "10min"   # instead of `for`: duration of the fault
 //! ```
+//!
+//! If both `at` and `after` are given, the fault begins when both conditions are met. If neither is given,
+//! the fault begins at the start. Without `for` and `for_time`, the fault never ends.
 //!
 //! `docs/virtual.md` describes each kind of fault, its effect on each kind of line, and its further keys.
 
@@ -170,7 +173,7 @@ impl BusError {
         ("restarted", BusError { class: 0x100, data: [0; 8] }),
     ];
 
-    /// Returns the bus error with this name in a script.
+    /// Returns the bus error with this name in a script; `None` for an unknown name.
     pub(crate) fn named(name: &str) -> Option<BusError> {
         BusError::ALL.iter().find(|(known, _)| *known == name).map(|(_, error)| *error)
     }

@@ -15,8 +15,8 @@ pub(super) struct ListenerSwitch {
     pub(super) is_open: bool,
 }
 
-/// Runs the task of the plant. At each tick it advances the plant, samples the true error, and opens or closes
-/// listeners.
+/// Runs the task of the plant. At each tick, the task advances the plant, samples the true error, and opens
+/// or closes listeners. The error states that a listener has ended.
 pub(super) async fn live(
     shared: Shared,
     mut sleeper: Sleeper,

@@ -250,8 +250,8 @@ impl Hardware {
         Reply { pdu: Some(answer.unwrap_or_else(|code| modbus::exception(pdu, code))), fault }
     }
 
-    /// Writes current measurements to the registers of a unit. Without `command`, these are the continuous
-    /// measurements, otherwise those that this command captures.
+    /// Writes current measurements to the registers of a unit. If `command` is `None`, the function writes
+    /// the continuous measurements. Otherwise, it writes the measurements that this command captures.
     fn measure(&mut self, place: usize, now: Moment, command: Option<Capture>) {
         let seconds = now.since(self.begin).as_secs_f64();
         let unit = &mut self.units[place];

@@ -4,8 +4,8 @@ use std::collections::HashMap;
 
 use isotherm_core::codec::{Address, DataType, Encoding, Register, Table};
 
-/// Registers and bits of a Modbus device. Every address up to the last one in use exists. Each value of a CAN device is
-/// stored as registers too, at its own address.
+/// Registers and bits of a Modbus device. Every address up to the highest used address exists. Each value of
+/// a CAN device is stored as registers too, at a separate address.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct Bank {
     coils: Vec<u16>,

@@ -71,8 +71,8 @@ impl SerialSide {
     }
 }
 
-/// Returns the answer of a Modbus gateway that times out before the unit answers: an exception, or without a code no
-/// answer.
+/// Returns the answer of a Modbus gateway that times out before the unit answers, and its delay. The answer
+/// is an exception with the code `code`; with `None`, the Modbus gateway does not answer.
 fn given_up(pdu: &[u8], delay: Duration, code: Option<u8>) -> (Reply, Duration) {
     (Reply { pdu: code.map(|code| exception(pdu, code)), fault: None }, delay / 2)
 }

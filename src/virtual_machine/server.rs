@@ -177,7 +177,8 @@ impl NonModbusClients {
     }
 }
 
-/// Serves one connection until the client closes it or sends data that is not Modbus.
+/// Serves one connection until the client closes it or sends data that is not Modbus. Returns the address of
+/// the client, and the result.
 async fn serve_client(stream: TcpStream, peer: SocketAddr, line: Arc<Line>) -> (SocketAddr, io::Result<()>) {
     let ended = async {
         stream.set_nodelay(true)?;

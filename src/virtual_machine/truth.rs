@@ -86,7 +86,7 @@ pub(super) struct Observer {
     pub(super) course: Vec<TruthRow>,
 }
 
-/// Interval of the true errors in `course`.
+/// Interval of the rows in `course`.
 const ROW_EVERY: Duration = Duration::from_secs(10);
 /// Maximum number of rows in `course`, so that memory stays limited if no program reads the rows.
 const LONGEST_COURSE: usize = 10_000;

@@ -5,7 +5,8 @@
 //! cargo run -p isotherm-core --example compensate
 //! ```
 //!
-//! The example never waits. Time is an argument of the step, so half an hour takes only the time to compute it.
+//! The example never waits. Time is an argument of the step, so half an hour of machine time takes only the
+//! computing time.
 
 use std::error::Error;
 use std::time::Duration;

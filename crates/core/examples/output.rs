@@ -5,8 +5,9 @@
 //! cargo run -p isotherm-core --example output
 //! ```
 //!
-//! The gateway does the same over a bus: it passes a fact to the step function, executes the action that the step
-//! returns, and passes the result as the next fact. In this example, a number replaces the register of a device.
+//! The gateway uses this step function for an output on a bus. It passes a fact to the step function,
+//! executes the action that the step returns, and passes the result as the next fact. In this example, a
+//! number replaces the register of a device.
 
 use std::time::Duration;
 

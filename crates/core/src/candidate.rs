@@ -1,8 +1,9 @@
 //! Decides whether a candidate replaces the model in use. A candidate is a model that was learned from touches. A touch
 //! is the result of one probing.
 //!
-//! The touches of a day first judge both models; then a new candidate is learned from them. They give two mean squares
-//! of the residual error: one with the model in use, one with the candidate as it was before that day:
+//! The touches of a day are first used to judge both models. The judgement consists of two mean squares of
+//! the residual error: one with the model in use, one with the candidate learned before that day. Then a new
+//! candidate is learned from the touches:
 //!
 //! ```text
 //! day ── judge (both models) ── learn (new candidate) ── next day
@@ -10,17 +11,18 @@
 //!
 //! | sums over the last five judged days | policy | at a datum | step |
 //! |---|---|---|---|
-//! | no day, or the candidate's is not smaller | any | any | [`Step::Keep`] |
-//! | the candidate's is smaller | propose, without a confirmation | any | [`Step::Propose`] |
-//! | the candidate's is smaller | propose, confirmed | any | [`Step::Adopt`] |
-//! | the candidate's is smaller | auto | no | [`Step::WaitForDatum`] |
-//! | the candidate's is smaller | auto | yes | [`Step::Adopt`] |
+//! | no day, or the candidate's sum is not smaller | any | any | [`Step::Keep`] |
+//! | the candidate's sum is smaller | propose, without a confirmation | any | [`Step::Propose`] |
+//! | the candidate's sum is smaller | propose, confirmed | any | [`Step::Adopt`] |
+//! | the candidate's sum is smaller | auto | no | [`Step::WaitForDatum`] |
+//! | the candidate's sum is smaller | auto | yes | [`Step::Adopt`] |
 //!
 //! A run lasts from one datum (zero point of the touches) to the next. The runs of one day (UTC) are one judged day, in
 //! which each touch has the same weight.
 //!
-//! An adopted candidate becomes the model in use, and its mean squares become those of the model in use. A later
-//! candidate is therefore also compared over five days. The functions are pure: they read no clock and no file.
+//! An adopted candidate becomes the model in use. Its mean squares of the judged days become the mean squares
+//! of the model in use, so a later candidate is also compared over five days. The functions are pure: they
+//! read no clock and no file.
 
 use std::collections::VecDeque;
 
@@ -76,8 +78,8 @@ pub struct Gain {
     pub candidate: Micron,
 }
 
-/// Candidate of an axis that a gateway may adopt, with its comparison with the model in use. `isotherm learn` writes
-/// it.
+/// Candidate for an axis, with the comparison between the candidate and the model in use. `isotherm learn`
+/// writes the offer, and a gateway may adopt the candidate.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Offer {

@@ -1,7 +1,8 @@
 //! Conversion between registers or frame bits and numbers: addresses, types, word order, scale, sentinels, saturation.
 //!
-//! A value occupies one to four 16-bit registers, or one coil. Integers are compared with their sentinels *before*
-//! scaling. Some modules send −512 for an open circuit, which would scale to a plausible −32.0 °C.
+//! A value occupies one to four 16-bit registers, or one coil. A sentinel is a raw value that means "no
+//! measurement". Integers are compared with their sentinels *before* scaling. Some modules send −512 for an
+//! open circuit, and a scale would convert −512 into a plausible −32.0 °C.
 
 mod address;
 mod ascii;

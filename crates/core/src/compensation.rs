@@ -11,8 +11,9 @@
 //! - **raw**: value that the model requests, µm.
 //! - **Cz**: value after the limits of the axis (the guard: limit, deadband, step, rate), in whole counts of the
 //!   register.
-//! - **due**: an axis computes a decision at its own period. It decides at once if its permit changes, or if it must
-//!   take over a register value. Any other snapshot is only used to detect a machine start or a zero command.
+//! - **due**: an axis is due when it must compute a decision. This is the case after each period of the axis,
+//!   and at once after a new demand, such as another permit or the takeover of a register value. Any other
+//!   snapshot is only used to detect a machine start or a zero command.
 
 use crate::quantity::{Micron, Moment, Shift};
 use crate::reading::SignalId;
@@ -63,15 +64,17 @@ pub struct Compensation {
 /// Result of [`Compensation::step`]: whether an axis decided, and which events of the machine were detected.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct StepResult {
-    /// Whether an axis decided, or a machine start or zero command was detected. If so, the log gets a row.
+    /// Whether an axis decided, the machine's `on` or `zero` signal changed, or a machine start was detected.
+    /// If so, the log gets a row.
     pub anything: bool,
     /// Events of the machine that were detected: a machine start, a zero command.
     pub noticed: MachineChange,
 }
 
 impl Compensation {
-    /// Creates the state of all axes. `remembered` is the state of an earlier run; without one, it is
-    /// [`Remembered::default`]. An axis is off, unless `remembered` contains its running state.
+    /// Creates the state of all axes. `remembered` is the saved state of an earlier run, or
+    /// [`Remembered::default`] if there is none. An axis is off, unless `remembered` contains its running
+    /// state.
     pub fn new(settings: MachineSettings, axes: Vec<AxisSettings>, remembered: Remembered) -> Compensation {
         let mut axes: Vec<Axis> = axes.into_iter().map(Axis::new).collect();
         let (known, running) = (remembered.by_axis(), remembered.running_by_axis());
@@ -143,8 +146,9 @@ impl Compensation {
         self.axes.get(axis).is_some_and(|axis| axis.is_due(now, control))
     }
 
-    /// Returns whether a step would detect a machine start or a zero command now. `value` returns the value of a
-    /// signal. `any_usable` returns whether any reading may be used.
+    /// Returns whether a step would now detect a change of the machine's `on` or `zero` signal, or, without
+    /// an `on` signal, the first good reading. `value` returns the value of a signal. `any_usable` returns
+    /// whether any reading may be used.
     pub fn would_notice(
         &self,
         value: impl Fn(SignalId) -> Option<f64>,
@@ -188,8 +192,8 @@ impl Compensation {
         found.map(|(model, inputs)| model.contributions(&inputs)).unwrap_or_default()
     }
 
-    /// Returns the sensors from which the stand-in of this signal is estimated, for this model of an axis. `None` if
-    /// the signal has no stand-in.
+    /// Returns the sensors from which the stand-in of this signal is estimated, for this model of an axis. A
+    /// stand-in replaces the reading of a frozen or lost sensor. `None` if the signal has no stand-in.
     pub fn predictors(
         &self,
         axis: usize,
@@ -199,7 +203,7 @@ impl Compensation {
         self.axes.get(axis)?.predictors(model, signal)
     }
 
-    /// Returns the suspected, frozen and lost sensors of an axis, each once.
+    /// Returns the suspected, frozen and lost sensors of an axis, without duplicates.
     pub fn rejected(&self, axis: usize) -> impl Iterator<Item = RejectedSensor> {
         self.axes.get(axis).into_iter().flat_map(Axis::rejected)
     }
@@ -222,8 +226,9 @@ impl Compensation {
         self.axes.get(axis).filter(|axis| axis.settings.learned.is_some()).map(|axis| &axis.preference)
     }
 
-    /// Requests a change of the preferred model of an axis. The request replaces a change that waits; `None` cancels
-    /// that change. The axis decides again at the next call of [`Compensation::step`].
+    /// Requests a change of the preferred model of an axis. The request replaces a change that waits to take
+    /// effect. `None` cancels the waiting change. The axis decides again at the next call of
+    /// [`Compensation::step`].
     ///
     /// # Errors
     /// Returns why the change is rejected.
@@ -280,9 +285,9 @@ impl Compensation {
         }
     }
 
-    /// Updates the lags of the models with a snapshot at which no axis decides. A log of the gateway contains no such
-    /// snapshot. A log of another program contains snapshots between two decisions, and their readings must not be
-    /// lost.
+    /// Updates the lags of the models with a snapshot at which no axis decides. A log of the gateway contains
+    /// no such snapshot. A log of another program contains snapshots between two decisions, and the lags must
+    /// include their readings.
     pub fn follow(&mut self, snapshot: &Snapshot<'_>) {
         for axis in &mut self.axes {
             axis.check(snapshot, &self.machine);

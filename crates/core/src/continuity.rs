@@ -32,7 +32,8 @@ const SILENT_REQUESTS: u32 = 2;
 /// Shortest time without an answer that counts as a break of continuity, in poll periods.
 const SILENT_PERIODS: u32 = 2;
 
-/// State of a device: whether the device that answers is still the one that passed its checks, with the same settings.
+/// State of a device: whether the device that answers is still the device that passed its checks, with
+/// unchanged settings.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Continuity {
     /// The device has no checks, or it has passed them and contact with it has not been lost since.
@@ -173,8 +174,8 @@ impl DeviceContinuity {
         self.breaks
     }
 
-    /// Returns whether continuity was not broken since the checks last passed. If so, a check that finds another value
-    /// means that settings were changed on the same device.
+    /// Returns whether the checks have passed, and continuity has not been broken since. If so, a check that
+    /// finds another value means that settings were changed on the same device.
     pub fn has_lasted(&self) -> bool {
         self.passed_after == Some(self.breaks)
     }

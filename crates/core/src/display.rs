@@ -4,8 +4,8 @@
 //! |---|---|---|
 //! | has no model | | no model yet |
 //! | is off, or waits to be armed | | off, waiting to arm |
-//! | is armed | a device does not answer | unreachable: the control may hold another value than the verified one |
-//! | moves for a sign check, or returns from one without a model | answer | sign check |
+//! | is armed | a device does not answer | unreachable: the control may hold another than the verified value |
+//! | moves for a sign check, or returns to zero after a sign check without a model | answer | sign check |
 //! | follows a model, or is frozen | answer | compensating, fallback model, frozen |
 //! | has decided zero | hold another Cz, or nothing was verified | returning to zero |
 //! | has decided zero | hold zero, verified | at zero |
@@ -43,7 +43,8 @@ pub enum Display {
     Waiting,
     /// The axis follows its preferred model.
     Active,
-    /// The axis follows a fallback model, because its preferred model cannot be used.
+    /// The axis follows a fallback model, or its preferred model with a stand-in (estimate) for a frozen or
+    /// lost sensor.
     Degraded,
     /// The axis keeps its last Cz.
     Holding,
@@ -57,7 +58,7 @@ pub enum Display {
     Unreachable,
 }
 
-/// Severity of a displayed state. The web page shows each severity with a colour and an icon of its own.
+/// Severity of a displayed state. The web page shows each severity with a separate colour and icon.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Tone {
     /// The axis is compensated.

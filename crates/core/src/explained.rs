@@ -1,5 +1,5 @@
-//! Cause of a fault, with a hint for its repair, for people and programs. Also detects when a known fault has another
-//! cause.
+//! Cause of a fault, with a hint for its repair, for people and programs. [`Cause`] detects when a known
+//! fault has another cause.
 
 use std::borrow::Cow;
 use std::fmt;

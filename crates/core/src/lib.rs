@@ -14,7 +14,7 @@
 //! - [`compensation`] — the first pure step: it computes a decision for each axis from a snapshot of readings.
 //! - [`output`] — the second pure step: it computes the next exchange from a decision and the register value.
 //! - [`candidate`] — whether a model that was learned from touches replaces the model in use.
-//! - [`continuity`] — whether the device that answers is the one that passed its checks.
+//! - [`continuity`] — whether the device that answers is the device that passed its checks.
 //! - [`events`] — the catalogue of events: kinds, levels, alarms, meanings and hints.
 //! - [`explained`] — cause and hint of a fault.
 //! - [`namespaces`] — the OPC UA namespaces that a profile names by index, and their current index on the server.

@@ -7,16 +7,17 @@
 //! values are whole counts of the register.
 //!
 //! # Theory of operation
-//! A write without an answer may have been carried out, may still be carried out, or never will be. The knowledge about
-//! a register is therefore not one value. It is the last value read, and **every copy of a value that may still
-//! arrive** ([`InFlightWrites`]). A value is sent only directly after a read that showed nothing new. The value must be
-//! at most one step from the value read and from each of these copies. Whichever copy arrives, the register then moves
-//! by one step at most. If no such value is nearer to the requested one, the change waits until the copies can no
-//! longer arrive.
+//! A write without an answer may have been carried out, may still be carried out, or never will be. The
+//! gateway therefore does not keep a single value for a register. It keeps the last value read, and **every
+//! copy of a value that may still arrive** ([`InFlightWrites`]). A value is sent only directly after a read
+//! that showed nothing new. The value must be at most one step from the value read and from each of these
+//! copies. Whichever copy arrives, the register then moves by one step at most. If no permitted value is
+//! nearer to the requested value than the value read, the change waits until the copies can no longer arrive.
 //!
-//! A value that appears in the register belongs to the gateway only if a copy of it was under way. The register value
-//! is sent again at the period `refresh`, under the same rule, and never while a change waits. One decision moves the
-//! register once, by one step at most. The axis decides how fast its decisions follow each other.
+//! A value that appears in the register counts as written by the gateway only if a copy of this value was
+//! under way. The gateway sends the register value again at the period `refresh`, under the same rule, and
+//! never while a change waits. One decision moves the register once, by one step at most. The axis determines
+//! the time between its decisions.
 //!
 //! ```text
 //!            change requested        nothing new         shared: promise saved
@@ -37,9 +38,10 @@
 //! between. Whenever the process dies, the register holds base + share, one of the promises, or a value of the
 //! operator.
 //!
-//! For an output that **cannot be read**, only the answers of the device are known. The last acknowledged value
-//! replaces the last value read. A write without an answer is dropped when another write is acknowledged that began
-//! after the longest delay of the first. For this purpose the last acknowledged value is sent again.
+//! For an output that **cannot be read**, only the answers of the device are known. The last acknowledged
+//! value replaces the last value read. An unanswered write counts as under way until a later write is
+//! acknowledged. The later write must have begun after the longest delay of the unanswered write. For this
+//! purpose, the gateway sends the last acknowledged value again.
 //!
 //! An output **in a set** is sent in one request with others. When one of them or the heartbeat is written, the
 //! register values of the others are sent with it, in every state ([`Fact::PiggybackAsked`]). Such a value is a write

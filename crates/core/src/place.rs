@@ -22,7 +22,7 @@ mod release;
 
 pub use release::{Bounds, Obstacle, Release, Stage};
 
-/// Smallest absolute value of Cz that does not count as zero, µm.
+/// Smallest absolute value of Cz (the compensation value) that does not count as zero, µm.
 const NOTHING_UM: f64 = 0.05;
 
 /// Part of a place. The parts are in order: a change of the first part is the most serious.
@@ -53,8 +53,9 @@ pub enum Part {
 }
 
 impl Part {
-    /// Returns whether an output that writes a position plus Cz can continue in steps of Cz after this part of its
-    /// place has changed. That is possible if register and units per count are the same.
+    /// Returns whether an output that writes a position plus Cz can continue in steps of Cz after this part
+    /// of its place has changed. True for the axis and the diameter: the register and the units per count are
+    /// then unchanged.
     pub fn is_bridged_by_steps(self) -> bool {
         matches!(self, Part::Axis | Part::Diameter)
     }

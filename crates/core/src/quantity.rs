@@ -154,11 +154,12 @@ quantity! {
     Millimetre, "mm", "3", "a position must be a finite number"
 }
 quantity! {
-    /// A gain: change of Cz per 1 °C, in µm/°C. Always finite.
+    /// A gain: change of Cz (the compensation value) per 1 °C, in µm/°C. Always finite.
     MicronPerCelsius, "µm/°C", "3", "a gain must be a finite number"
 }
 quantity! {
-    /// A slope: change of Cz per millimetre of axis position, in µm/mm. Always finite.
+    /// A slope: change of Cz (the compensation value) per millimetre of axis position, in µm/mm. Always
+    /// finite.
     MicronPerMillimetre, "µm/mm", "4", "a slope must be a finite number"
 }
 quantity! {
@@ -202,7 +203,8 @@ impl Mul<Millimetre> for MicronPerMillimetre {
     }
 }
 
-/// Whole counts of a register. Every number is valid. Sums saturate at the ends of 64 bits.
+/// Whole counts of a register. Every number is valid. Sums saturate at the smallest and the largest 64-bit
+/// integer.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(transparent)]
 pub struct Counts(pub i64);

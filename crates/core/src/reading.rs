@@ -86,7 +86,7 @@ pub enum Reason {
     NoNumber,
     /// The OPC UA node has no array, or the array does not have the element of the profile.
     NoElement,
-    /// The source timestamp of the value is later than the time of the OPC UA server that sends it.
+    /// The source timestamp of the value is later than the time of the OPC UA server that sends the value.
     SourceClock,
     /// This computer has no sensor of this name.
     NotFound,
@@ -115,7 +115,7 @@ pub enum Reason {
     NotInLog,
 }
 
-/// Place where the operator corrects the cause of a bad reading.
+/// Equipment or settings that the operator must correct after a bad reading.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Remedy {
     /// The device gives no valid answer: the operator corrects its address, its bus line or its wiring.
@@ -210,7 +210,7 @@ impl Reason {
         }
     }
 
-    /// Returns the place where the operator most probably corrects the cause.
+    /// Returns the equipment or settings that the operator must most probably correct.
     pub const fn remedy(self) -> Remedy {
         match self {
             Reason::NeverRead | Reason::Timeout | Reason::LinkDown | Reason::BadReply => Remedy::Connection,

@@ -1,5 +1,6 @@
-//! Identifies one model of several machines of the same type, from the stored Gram products of the runs of each
-//! machine.
+//! Identifies one model of several machines of the same type, from the stored Gram products of the runs of
+//! each machine. Gram products are sums of products of the model inputs with each other and with the error.
+//! They do not contain single rows of the logs.
 //!
 //! ```text
 //! cargo run -p isotherm-identify --example fleet -- keep mill-1.toml mill-1/*.csv > mill-1.products.json

@@ -99,8 +99,8 @@ const FROZEN: f64 = 8.0;
 const NOTICED: f64 = 240.0;
 /// Maximum growth of the error range if one sensor was frozen in one of the training runs, in percent.
 const SPOILT: f64 = 10.0;
-/// Smallest and largest accepted share of the log rows whose residual error is within the expected error, and within
-/// twice the expected error.
+/// Smallest and largest accepted share of the log rows whose residual error is within the expected error, and
+/// within twice the expected error. The expected error is a predicted standard deviation.
 const INSIDE: [(f64, f64); 2] = [(0.55, 0.85), (0.84, 0.98)];
 /// Number of seconds in an hour.
 const HOUR: f64 = 3600.0;

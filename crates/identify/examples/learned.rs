@@ -9,9 +9,9 @@
 //! hourly touches of that run (σ 0.5 µm). The results are means over several random seeds for the measurement errors of
 //! the touches. The example fails if a result is outside its limit.
 //!
-//! An error channel with fewer than six runs has no limit. The candidate is the model from all runs so far. It first
-//! differs from the model of the commissioning on the fifth day. Therefore a tested candidate is first used on the
-//! sixth day.
+//! The limits apply only to error channels with at least six runs. The candidate is the model from all runs
+//! so far. On the fourth day, it still equals the model of the commissioning. A different candidate is first
+//! tested on the fifth day, and can be used from the sixth day on.
 
 #![allow(
     clippy::unwrap_used,
@@ -49,8 +49,8 @@ const SIGMA: f64 = 0.5;
 const MEAN: f64 = 0.9;
 /// Maximum ratio of the residual error of any single channel to that of the unchanged model.
 const WORST: f64 = 1.08;
-/// Smallest and largest accepted share of the log rows whose residual error is within the expected error, and within
-/// twice the expected error.
+/// Smallest and largest accepted share of the log rows whose residual error is within the expected error, and
+/// within twice the expected error. The expected error is a predicted standard deviation.
 const INSIDE: [(f64, f64); 2] = [(0.55, 0.88), (0.82, 0.99)];
 
 /// Number of random seeds for the measurement errors of the touches.
@@ -299,7 +299,7 @@ fn error_at(errors: &[f64], hour: f64) -> f64 {
     errors.get(hour).copied().unwrap_or_default()
 }
 
-/// Profile with these signals and one axis without a model.
+/// Returns a profile with these signals and one axis without a model.
 fn machine_without_model(names: &[String]) -> Profile {
     let text = record::text(names, "");
     isotherm_profile::parse(std::path::Path::new("record.toml"), &text, &[], &[]).unwrap().profile

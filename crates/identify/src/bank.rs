@@ -190,7 +190,8 @@ impl Bank {
         }
     }
 
-    /// Returns the Gram products X'X, X'y and y'y of each run.
+    /// Returns the Gram products X'X, X'y and y'y of each run. X contains the rises of the candidate terms,
+    /// and y the target.
     pub(crate) fn grams(&self) -> Vec<Gram> {
         self.runs_in_parallel(|run| Gram::of(&run.rises, &run.target))
     }

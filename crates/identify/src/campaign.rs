@@ -246,9 +246,10 @@ impl<'a> Campaign<'a> {
 }
 
 impl Campaign<'_> {
-    /// Returns the target of each row of a run with touches, µm. The target is 0 at the datum (zero point). The error
-    /// of each touch is counted from the error at the datum. The target is NaN in rows without a touch. The datum is
-    /// the first row at or after `datum` in which every input has a value.
+    /// Returns the target of each row of a run with touches, µm. The target is 0 at the datum (zero point).
+    /// The error of each touch is counted from the error at the datum. The target is NaN in rows without a
+    /// touch. The datum is the first row at or after `datum` in which every input has a value. If `datum` is
+    /// `Touch`, this row must also contain a touch.
     fn touched(&self, run: &Run, datum: TouchDatum) -> Vec<Target> {
         let errors = &run.values[self.error];
         let first = match datum {

@@ -14,7 +14,8 @@ const COLD_SHOP: f64 = 45.0;
 const KELVIN: f64 = 200.0;
 /// Minimum duration of a run. A shorter run shows no measurable drift.
 pub(super) const SHORTEST_RUN: Duration = Duration::from_secs(20 * 60);
-/// Maximum duration of a run. A run of more than four hours exceeds this limit if its times in seconds are read as minutes.
+/// Maximum duration of a run. A run of more than four hours exceeds this limit if its times in seconds are
+/// read as minutes.
 const LONGEST_RUN: Duration = Duration::from_secs(10 * 24 * 3600);
 /// Maximum range of the position, mm, for which the error counts as measured at one position.
 const LONGEST_AT_ONE_PLACE: f64 = 1.0;

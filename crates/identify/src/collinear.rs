@@ -13,8 +13,8 @@ use crate::gram::Gram;
 pub(crate) struct Collinearity {
     /// Condition number: ratio of the largest singular value to the smallest.
     pub(crate) condition: f64,
-    /// Variance inflation factor of each term: variance of its gain, divided by the variance that it would have without
-    /// the similar terms.
+    /// Variance inflation factor of each term: variance of the gain, divided by the variance that the gain
+    /// would have without the similar terms.
     pub(crate) inflation: Vec<f64>,
 }
 

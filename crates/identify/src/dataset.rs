@@ -3,11 +3,11 @@
 //! ```text
 //! file ── table (cells by column) ── split ── runs        kinds guessed from names, units and values
 //! ```
-//! A log is a table of measured values over time: a CSV file with any separator of a spreadsheet, a workbook, or a
-//! Parquet file. Its time column is the first column named `time`, `time_s` or `time_min`, or a similar name that
-//! loggers use. A time is a number of seconds, a text in RFC 3339, or a local date and time. Every other column has one
-//! number per row (NaN if missing), or text. Implausible values, which no sensor measured, are left out. A remark names
-//! the file, the line and the value of each.
+//! A log is a table of measured values over time: a CSV file with any separator of a spreadsheet, a workbook,
+//! or a Parquet file. Its time column is the first column named `time`, `time_s` or `time_min`, or a similar
+//! name that loggers use. A time is a number of seconds, a text in RFC 3339, or a local date and time. Every
+//! other column has one number per row (NaN if missing), or text. Implausible values, which no sensor
+//! measured, are left out. For each of these values, a remark names the file, the line and the value.
 
 use std::collections::{HashMap, HashSet};
 use std::path::{Path, PathBuf};

@@ -6,10 +6,11 @@
 //! σ²(h) = a·h + b        µm², h in hours
 //! ```
 //!
-//! a and b are fitted to the squared residuals by least squares, and are not negative. The fit is then repeated with
-//! the weights 1/σ⁴, because squares of normal errors scatter in proportion to σ² (gamma likelihood). Each run has the
-//! same total weight. Of rows that were recorded continuously, only every fifth is used, because neighbouring rows are
-//! similar. Of touches (measurements with a probe), each is used.
+//! a and b are fitted to the squared residuals by least squares, and are not negative. The fit is then
+//! repeated with the weights 1/σ⁴, because squares of normal errors scatter in proportion to σ² (gamma
+//! likelihood). Each run has the same total weight. Only every fifth of the rows that were recorded
+//! continuously is used, because neighbouring rows are similar. Every touch (measurement with a probe) is
+//! used.
 //!
 //! If at least three runs were measured row by row, only these runs are used. If there are fewer, the runs that were
 //! measured by touches are used, too.
@@ -36,8 +37,8 @@ pub struct Expected {
     pub since_touch: Growth,
 }
 
-/// Shares of the log rows of a held-out run whose residual is within the expected error. That error is estimated from
-/// the other held-out runs.
+/// Shares of the log rows in which the residual is within the expected error, for one held-out run. The
+/// expected error is estimated from the other held-out runs.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Inside {
     /// Share of the log rows whose residual is within one standard deviation, 0 to 1. It is 0.68 for normal errors.
@@ -76,8 +77,8 @@ fn is_enough(held_out: &[HeldOut]) -> Option<()> {
     (held_out.len() > 2).then_some(())
 }
 
-/// Returns the shares of the rows of this run whose residual is within the expected error. That error is estimated from
-/// the other runs. `None` if it cannot be estimated from them.
+/// Returns the shares of the rows of this run in which the residual is within the expected error. The
+/// expected error is estimated from the other runs. `None` if this estimate is not possible.
 pub(crate) fn inside(held_out: &[HeldOut], run: usize) -> Option<Inside> {
     is_enough(held_out)?;
     let others = held_out.iter().enumerate().filter(|(other, _)| *other != run).map(|(_, held)| held);

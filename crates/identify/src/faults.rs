@@ -5,7 +5,7 @@
 //! - **jump**: a permanent change of more than 3 °C within a minute. A casting cannot change so fast; the sensor was
 //!   replaced or is broken.
 //! - **spike**: a change of more than 2 °C, and back within five minutes. The cause is a bad contact.
-//! - **frozen**: a constant reading while the reading that is predicted from the other sensors moves. The module
+//! - **frozen**: a constant reading, while the prediction from the other sensors changes. The module
 //!   `stand_in` finds this fault.
 //! - **constant**: a reading that never changes, so the sensor gives no information.
 //! - **missing**: no value in more than a fifth of a run.
@@ -67,7 +67,8 @@ pub struct Omission {
 pub struct Notes {
     /// Sensors that are left out, each with the reason.
     pub excluded: Vec<Finding>,
-    /// Effect of leaving out each of these sensors on the residual error, for those for which it could be calculated.
+    /// Effects of leaving out these sensors on the residual error. A sensor is missing in this list if its
+    /// effect cannot be calculated.
     pub omissions: Vec<Omission>,
     /// Sensors that behave like the air around the machine, each with the reason.
     pub ambient: Vec<Finding>,
@@ -109,7 +110,7 @@ pub(super) struct Fault {
     pub(super) rows: Vec<usize>,
 }
 
-/// Kind of damage that a fault causes in a run. Damage of a kind that comes first is repaired first.
+/// Kind of damage that a fault causes in a run. The kinds are in the order in which they are repaired.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) enum Damage {
     /// Spikes: a few successive log rows with wrong readings, after which the readings return.
@@ -142,7 +143,7 @@ pub(super) fn find(dataset: &Dataset, columns: &[usize], frozen: &[Frozen]) -> V
     faults(dataset, columns, frozen).iter().map(|fault| fault.finding(dataset, "")).collect()
 }
 
-/// Freeze: log rows in which a reading was constant while the reading that is predicted from the other sensors moved.
+/// Freeze: log rows in which a reading was constant, while the prediction from the other sensors changed.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Frozen {
     /// Index of the log column in the dataset.
@@ -155,8 +156,8 @@ pub(crate) struct Frozen {
     pub(crate) last: usize,
     /// Whether the run has no reading after `last`.
     pub(crate) lasts_to_the_end: bool,
-    /// Change of the temperature from the first of these log rows to the last, °C. It is predicted from the other
-    /// sensors.
+    /// Temperature change from the first of these log rows to the last, °C. The change is predicted from the
+    /// other sensors.
     pub(crate) missed: f64,
 }
 
@@ -238,9 +239,9 @@ fn of_column(dataset: &Dataset, column: usize, frozen: &[Frozen]) -> Vec<Fault> 
     found
 }
 
-/// Returns the logs without the jumps at the ends of constant readings. Such a jump may be the end of a freeze. Only a
-/// prediction from the other sensors can show this. The gains of that prediction must not be fitted to readings that
-/// contain the jump.
+/// Returns the logs without the jumps at the ends of constant readings. Such a jump may be the end of a
+/// freeze. Only a prediction from the other sensors can show whether the sensor was frozen. The gains of the
+/// prediction must be fitted to readings without the jump.
 pub(super) fn levelled<'a>(dataset: &'a Dataset, columns: &[usize]) -> Cow<'a, Dataset> {
     let mut levelled = Cow::Borrowed(dataset);
     for (number, run) in dataset.runs.iter().enumerate() {

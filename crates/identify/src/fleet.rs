@@ -10,8 +10,8 @@
 //! equal to a model from the records. The only exception is a faulty sensor that was repaired with data from other
 //! runs.
 //!
-//! Products do not contain single rows. Therefore no range of the error, no envelope (valid range of the inputs), and
-//! no stand-ins for lost sensors can be calculated.
+//! Products do not contain the values of individual rows. Therefore no range of the error, no envelope (valid
+//! range of the inputs), and no stand-ins for lost sensors can be calculated.
 
 use std::time::Duration;
 
@@ -146,11 +146,11 @@ pub struct RunLeft {
 
 impl RunProducts {
     /// Calculates the Gram products of each run of a campaign. `machine` is the name of the machine, which
-    /// distinguishes its runs from those of other machines.
+    /// distinguishes its runs from the runs of other machines.
     ///
     /// # Errors
-    /// Returns a message if a run has no complete row, or if `settings` selects another method than `whitened`, some
-    /// sensors, or a prior.
+    /// Returns a message if a run has no complete row, or if `settings` is not supported. The method must be
+    /// `whitened`, without a limit on the number of sensors, and without a prior (existing model).
     pub fn of(ready: &Ready<'_>, machine: &str, settings: &Settings) -> Result<RunProducts, String> {
         settings.check()?;
         if settings.method != Method::Whitened || settings.sensors.is_some() || settings.prior.is_some() {
@@ -518,8 +518,8 @@ impl FleetModel {
         self.terms.iter().map(term).collect()
     }
 
-    /// Returns the model as TOML text for a profile. `name` is the name of the model, `head` the comment before it, and
-    /// `keys` are further keys after it.
+    /// Returns the model as TOML text for a profile. `name` is the name of the model, and `head` is the
+    /// comment before the table. `keys` contains further keys at the end of the table.
     pub(crate) fn block_of(&self, name: &str, head: &str, keys: &str) -> String {
         let term = |term: &FleetTerm| TermFound {
             signal: term.signal.clone(),

@@ -1,5 +1,5 @@
-//! Inner cross-validation: the training runs are divided into folds, which are held out in turn. A method can therefore
-//! choose its settings on runs from which it was not identified.
+//! Inner cross-validation: the training runs are divided into folds, which are held out in turn. Therefore a
+//! method can choose its settings on runs that were not used to fit the gains.
 
 use crate::gram::Gram;
 

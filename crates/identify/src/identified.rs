@@ -35,7 +35,7 @@ mod single_sensor;
 pub use lost_sensor::Fallback;
 pub use single_sensor::Alone;
 
-/// Maximum number of sensors up to which a held-out result is calculated for each number of sensors.
+/// Maximum number of sensors for which [`Identified::by_sensors`] contains a held-out result.
 const MOST_COUNTED: usize = 8;
 
 /// Identified model with its cross-validation. In JSON, this structure is the output of `isotherm identify`.
@@ -128,7 +128,8 @@ pub struct TermFound {
     /// values.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub inflation: Option<f64>,
-    /// Whether the term belongs to the slope over the position.
+    /// Whether the term belongs to the slope of Cz over the position of the axis. Such a term is multiplied
+    /// by the distance from a reference position.
     #[serde(skip_serializing_if = "std::ops::Not::not")]
     pub slope: bool,
     /// Whether the input is the square of the signal.

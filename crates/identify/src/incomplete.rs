@@ -1,13 +1,13 @@
-//! Handles runs that lack a column that other runs have. Either the runs or the column must be left out, because a
-//! model cannot use a row in which an input is missing. The choice with the smaller error on held-out runs is used. A
-//! remark states both errors.
+//! Choice between incomplete runs and incomplete columns. A model cannot use a row in which an input is
+//! missing. If some runs lack a column, either these runs or the column must be left out. The choice with the
+//! smaller error on held-out runs is used. A remark states both errors.
 
 use crate::dataset::Dataset;
 use crate::faults::{MISSING, missing};
 use isotherm_profile::counted;
 
-/// Maximum number of groups of runs for which each group is left out alone as a test. With more groups, only all groups
-/// together are left out as a test.
+/// Maximum number of groups of runs for which the test also leaves out each group alone. With more groups,
+/// the test only leaves out all groups together.
 const MOST_GROUPS: usize = 6;
 /// Limit of the ratio of two errors: the error without the runs, divided by the error without the columns. Below this
 /// limit, the runs are left out. A smaller difference is not significant; in that case, all runs are kept.
@@ -68,7 +68,7 @@ fn runs_of(groups: &[Group]) -> Vec<usize> {
     groups.iter().flat_map(|group| group.runs.iter().copied()).collect()
 }
 
-/// Groups the runs that lack columns by their missing columns. Only columns that at least half of the runs have are
+/// Groups the incomplete runs by their missing columns. Only columns that at least half of the runs have are
 /// considered. All other columns are left out in any case.
 fn groups(dataset: &Dataset, inputs: &[usize]) -> Vec<Group> {
     let is_missing = |run: usize, column: usize| missing(&dataset.runs[run], column) > MISSING;

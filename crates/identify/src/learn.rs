@@ -7,7 +7,8 @@ use crate::bank::{Bank, Candidate, Rows, trace};
 use crate::campaign::Campaign;
 use isotherm_core::compensation::model::network::Net;
 
-/// Identification method, together with the data of a campaign from which it learns.
+/// Identification method, together with the data from which it learns: a campaign (the logged runs, as the
+/// gateway would read them).
 pub(crate) trait Learner: Sync {
     /// Matrix of candidate terms. The method identifies models from its rows, and models are validated on its rows.
     fn bank(&self) -> &Bank;

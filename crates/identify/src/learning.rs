@@ -1,6 +1,7 @@
-//! Learning from touches (measurements with a probe), one run after the other. The Gram products (X'X, X'y, y'y) of
-//! each run are stored. A candidate model is identified from the products of all runs. On each new run, the candidate
-//! is first compared with the model in use.
+//! Learning from touches (measurements with a probe), one run after the other. A run with touches goes from
+//! one datum (zero point of Cz, the compensation value) to the next. The Gram products (X'X, X'y, y'y) of
+//! each run are stored. A candidate model is identified from the products of all runs. On each new run, the
+//! candidate is first compared with the model in use.
 //!
 //! ```text
 //! logs ── runs from datum to datum ── judge (in use, candidate) ── products ── candidate
@@ -98,8 +99,9 @@ pub struct JudgedRun {
     pub candidate_um: f64,
 }
 
-/// Returns the columns from which a model is learned: every temperature and every speed of the profile, except those in
-/// `without` and those in `learn_without` of the axis. All runs must have the same columns.
+/// Returns the columns from which a model is learned: every temperature and every speed of the profile.
+/// Signals in `without`, and in the setting `learn_without` of the axis, are excluded. All runs must have the
+/// same columns.
 pub fn choice(profile: &Profile, axis: &str, without: &[String]) -> Choice {
     let is_input = |unit: &str| ["degC", "K", "rpm"].contains(&unit);
     let own = profile.axes.iter().find(|own| own.settings.name == axis);
@@ -151,7 +153,7 @@ impl Learning {
         format!("{axis}.learning.json")
     }
 
-    /// Returns whether a file name is that of a stored run of this axis.
+    /// Returns whether `name` is the file name of a stored run of this axis.
     pub fn is_run(axis: &str, name: &str) -> bool {
         let rest = name.strip_prefix(axis).and_then(|rest| rest.strip_prefix('@'));
         rest.is_some_and(|rest| rest.ends_with(".products.json"))
@@ -187,8 +189,8 @@ impl Learning {
         }
     }
 
-    /// Returns a candidate in the form in which a gateway can adopt it. `compared_with` is the name of the learned
-    /// model that is in use; `None` if the model of the profile is in use.
+    /// Returns an offer of the candidate `model`, which a gateway can adopt. `compared_with` is the name of
+    /// the learned model that is in use; `None` if the model of the profile is in use.
     pub fn offer(&mut self, profile: &Profile, model: &FleetModel, compared_with: Option<String>) -> Offer {
         self.record.offered = fingerprint(&model.prior());
         let slot = settings(profile, &self.axis).and_then(|own| own.learned.as_ref());
@@ -352,8 +354,8 @@ impl Learning {
         Some(all.learn_recent(FORGETTING))
     }
 
-    /// Returns the number of stored runs that the candidate does not use, because their columns differ from those of
-    /// the newest run.
+    /// Returns the number of stored runs that the candidate does not use, because their columns differ from
+    /// the columns of the newest run.
     pub fn unlike(&self) -> usize {
         let newest = self.runs.last();
         let differs =

@@ -14,8 +14,8 @@
 //! selects measuring points without a profile. [`report`] renders HTML reports of models and of selections.
 //!
 //! # Sign
-//! Methods identify the Cz that would leave no error: Cz = −(e − cold value of e). Gains have the same sign as in the
-//! profile.
+//! e is the measured error. Methods identify the Cz that would leave no error: Cz = −(e − cold value of e).
+//! Gains have the same sign as in the profile.
 
 pub mod applied;
 pub mod balls;

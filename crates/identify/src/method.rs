@@ -24,7 +24,8 @@ pub use kind::Method;
 pub use settings::{PriorTerm, Settings};
 
 impl Method {
-    /// Combines the method with the data of a campaign, so that it can identify models.
+    /// Combines the method with the data of a campaign (logged runs), from which the method identifies
+    /// models.
     ///
     /// # Errors
     /// Returns a message if the campaign or the settings do not fit the method.

@@ -1,5 +1,5 @@
-//! Means of one log column over each minute of a run. They contain less noise of a probe, so that the noise does not
-//! count as drift.
+//! Means of one log column over each minute of a run. The averaging reduces the noise of a probe, which would
+//! otherwise count as drift.
 
 use std::ops::Range;
 

@@ -48,8 +48,8 @@ impl Products {
         self.plain.iter().zip(&self.white)
     }
 
-    /// Adds up the products of the whitened rows of these runs, for the columns `columns`. Each column is divided by
-    /// its unit in `units`.
+    /// Adds up the products of the whitened rows of these runs, for the columns `columns`. `units` contains
+    /// the number by which each column is divided.
     pub(crate) fn training(&self, runs: &[usize], columns: &[usize], units: &DVector<f64>) -> Gram {
         of(&self.white, runs, columns, units)
     }

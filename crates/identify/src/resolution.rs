@@ -13,7 +13,8 @@ use isotherm_profile::Signal;
 /// Minimum number of consecutive equal readings that form a plateau. Means of a fluctuating reading are rarely equal so
 /// often.
 const PLATEAU: usize = 5;
-/// Minimum share of the readings of a sensor that must be on plateaus, so that its counts are treated as coarse.
+/// Minimum share of the readings of a sensor that are on plateaus. From this share on, the counts of the
+/// sensor are treated as coarse.
 const COARSE: f64 = 0.2;
 /// Number of plateaus from which the counts of a sensor are treated as coarse, even if few readings are on plateaus. A
 /// fine sensor has only one plateau for each time that it froze.

@@ -85,8 +85,8 @@ pub fn without_cz(
     applied::without_cz(dataset, &error, Some(&axis), moves, applied)
 }
 
-/// Handles runs that lack an input that other runs have. Either these runs or the input are left out, whichever gives
-/// the smaller error. A remark of the dataset states the choice.
+/// Handles incomplete runs: a run may lack an input that other runs have. Leaves out either these runs or the
+/// input, whichever gives the smaller error. A remark of the dataset states the choice.
 pub fn without_incomplete(profile: &Profile, dataset: &mut Dataset, choice: &Choice) {
     let Some(error) = dataset.column(&choice.error_column(profile)) else { return };
     // `ready` refuses copies. With a moving axis, the error must first be separated by place.

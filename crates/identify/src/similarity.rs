@@ -27,9 +27,10 @@ fn normalized(values: &[f64]) -> Vec<f64> {
     values.iter().map(|value| (value - mean) * scale).collect()
 }
 
-/// Returns groups of members (columns, by their index in `correlations`). Any two members of a group have an absolute
-/// correlation of at least `least`. The method is complete linkage: each step joins the two groups whose least similar
-/// members are the most similar. Members are sorted within their group, and groups are sorted by their first member.
+/// Returns groups of members (columns, by their index in `correlations`). Any two members of a group have an
+/// absolute correlation of at least `least`. The method is complete linkage: the similarity of two groups is
+/// the absolute correlation of their least similar members. Each step joins the two most similar groups.
+/// Members are sorted within their group, and groups are sorted by their first member.
 pub(crate) fn groups(correlations: &[Vec<f64>], members: usize, least: f64) -> Vec<Vec<usize>> {
     let mut groups: Vec<Vec<usize>> = (0..members).map(|member| vec![member]).collect();
     let weakest = |one: &[usize], other: &[usize]| {
@@ -54,8 +55,9 @@ pub(crate) fn groups(correlations: &[Vec<f64>], members: usize, least: f64) -> V
     groups
 }
 
-/// Returns the members (columns, by their index in `correlations`) in an order in which similar members are adjacent.
-/// First come groups of low correlation; within a group, the members are ordered by subgroups of higher correlation.
+/// Returns the members (columns, by their index in `correlations`) in an order in which similar members are
+/// adjacent. The members are sorted by groups of low correlation, and within each group by subgroups of
+/// higher correlation.
 pub(crate) fn order(correlations: &[Vec<f64>], members: usize) -> Vec<usize> {
     let mut order: Vec<usize> = (0..members).collect();
     let levels: Vec<Vec<Vec<usize>>> =

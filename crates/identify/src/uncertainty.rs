@@ -5,9 +5,9 @@
 //! small-sample correction CR2. Student's factor has the degrees of freedom of Bell and McCaffrey (2002), which state
 //! how many runs determine a gain.
 //!
-//! If a method shrinks or selects gains, the formula of least squares does not apply. The standard error is then the
-//! spread of the gains between fits that each leave out one run (jackknife). Student's factor is that for the number of
-//! runs. With fewer than three such fits, no standard error is calculated.
+//! If a method fits gains with a penalty, the formula of least squares does not apply. The standard error is
+//! then the spread of the gains between fits that each leave out one run (jackknife). Student's factor is
+//! that for the number of runs. With fewer than three such fits, no standard error is calculated.
 //!
 //! In simulations, 95 to 98 % of the gains are within 1.96 of these standard errors. The simulations had 500 to 1500
 //! campaigns of two, three, four and eight runs, with disturbances of half an hour to four hours. A simpler method
@@ -43,8 +43,9 @@ pub(super) fn standard_errors(
     found.map_or_else(|| vec![None; gains.len()], |errors| errors.into_iter().map(Some).collect())
 }
 
-/// Returns the standard errors by jackknife (spread of fits that each leave out one run); `None` with fewer than three
-/// fits. A fitted time constant differs between the fits, so the term with such a time constant is found by its sensor.
+/// Returns the standard errors by jackknife (spread of fits that each leave out one run); `None` with fewer
+/// than three fits. A fitted time constant differs between the fits. Therefore a term with a fitted time
+/// constant is recognized in the other fits by its sensor.
 fn jackknife(bank: &Bank, gains: &[(Candidate, f64)], left_out: &[&Learned]) -> Option<Vec<f64>> {
     let sums: Vec<&[(Candidate, f64)]> = left_out.iter().filter_map(|learned| learned.sum()).collect();
     if sums.len() < 3 {
@@ -92,8 +93,9 @@ fn by_runs(bank: &Bank, gains: &[(Candidate, f64)]) -> Option<Vec<f64>> {
     Some((0..columns.len()).map(error).collect())
 }
 
-/// Returns (X'X)⁻¹ for the residuals of one run, which are multiplied by (1 − H)^(−1/2). H is the part of the
-/// projection matrix that belongs to the run.
+/// Returns the matrix that replaces (X'X)⁻¹ for one run. This matrix includes the correction CR2, which
+/// multiplies the residuals of the run by (1 − H)^(−1/2). H is the part of the projection matrix that belongs
+/// to the run.
 fn widened(square: &DMatrix<f64>, root: &DMatrix<f64>) -> DMatrix<f64> {
     // A run that alone determines a gain has no residual; its leverage cannot be corrected.
     const LEAST: f64 = 1e-6;

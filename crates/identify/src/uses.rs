@@ -1,4 +1,4 @@
-//! Selects by name the log columns that each command uses. All other columns are not read completely.
+//! Selects by name the log columns that each command uses. The other columns are not read completely.
 
 use crate::ambient::is_named_for_the_air;
 use crate::applied::Applied;

@@ -135,14 +135,14 @@ fn settle(seconds: f64) -> humantime::FormattedDuration {
     format_duration(Duration::try_from_secs_f64(seconds).unwrap_or_default())
 }
 
-/// Returns the TOML key with the settling time with which the model was identified. `isotherm check` compares this time
-/// with the setting in the profile.
+/// Returns the TOML key `identified_with`, which contains the averaging time of the references during the
+/// identification. `isotherm check` compares this time with the setting `settle` in the profile.
 pub(crate) fn identified_with(settle_s: f64) -> String {
     format!("identified_with = {{ settle = \"{}\" }}", settle(settle_s))
 }
 
-/// Returns a message that `isotherm zero` does not fit this model. A rise (input minus its reference) that is counted
-/// from machine start does not change with a zero command.
+/// Returns a message with the setting of the axis that `isotherm zero` requires with this model. A rise
+/// (input minus its reference) that is counted from machine start does not change with a zero command.
 pub(crate) fn zero_needs(axis: &str) -> String {
     format!(
         "The rises of this model are counted from machine start. If you use `isotherm zero`, write datum = \"zero\" \

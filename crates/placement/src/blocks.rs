@@ -187,8 +187,9 @@ pub(super) fn owners(mesh: &Mesh, parts: &[Part]) -> Vec<Option<usize>> {
 pub struct Reach {
     /// Minimum distance from the nodes of other blocks, mm.
     pub margin: f64,
-    /// Whether each node of the mesh may carry a sensor. Such a node is on the outer surface and in the node set of the
-    /// option `--candidates`. It is not on the guideway or foundation.
+    /// Whether each node of the mesh may carry a sensor. With the option `--candidates`, such a node is on
+    /// the outer surface and in the given node set. Without the option, such a node is visible from outside.
+    /// Guideway nodes and fixed nodes are excluded.
     pub allowed: Vec<bool>,
 }
 

@@ -1,9 +1,10 @@
 //! Contribution of one tetrahedron to the equations of a finite-element mesh: shape functions, their gradients and the
 //! integration points.
 //!
-//! The integration rules are those of CalculiX: four points in a `C3D10` and one in a `C3D4`, three and one on their
-//! faces. CalculiX and isotherm therefore solve the same discrete problem, and their results agree to the last printed
-//! digit, not only within the accuracy of the mesh.
+//! The integration rules are those of CalculiX. A `C3D10` has four points in its volume and three on each
+//! face. A `C3D4` has one point in its volume and one on each face. CalculiX and isotherm therefore solve the
+//! same discrete problem, and their results agree to the last printed digit, not only within the accuracy of
+//! the mesh.
 
 use crate::mesh::{Kind, Mesh};
 

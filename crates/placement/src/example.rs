@@ -104,8 +104,8 @@ const SHIFT: Air = Air { low: 21.0, high: 22.0, covers: 23.0, inside: 21.0, foot
 /// Film coefficients in the load cases, mW/(mm²·K): outside at the lower and at the upper half, behind the covers,
 /// inside, and at the joint with the bed.
 const FILMS: [f64; 5] = [0.008, 0.008, 0.004, 0.003, 0.1];
-/// Film coefficients of the simulated machine, mW/(mm²·K), in the order of [`FILMS`]. They differ from those of the
-/// load cases, because the coefficients of a real machine are not known exactly.
+/// Film coefficients of the simulated machine, mW/(mm²·K), in the order of [`FILMS`]. The values differ from
+/// [`FILMS`], because the coefficients of a real machine are not known exactly.
 const REAL: [f64; 5] = [0.009, 0.007, 0.005, 0.002, 0.07];
 
 /// Returns names and texts of the files: `mesh.inp`, the common part `column.inp`, one file for each load case, and
@@ -250,8 +250,8 @@ fn mesh_file() -> String {
     text
 }
 
-/// Returns whether no sensor can be mounted on this surface, because it is inside, or because something is mounted or
-/// slides on it.
+/// Returns whether no sensor can be mounted on this surface. The surface is then inside the column, or
+/// another component is mounted or slides on it.
 fn is_covered(surface: &str) -> bool {
     ["FOOT", "INSIDE", "MOTOR_FOOT", "CABINET_WALL"].contains(&surface) || surface.starts_with("RAILS_")
 }

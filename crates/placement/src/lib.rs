@@ -8,6 +8,8 @@
 //! (sets,   │   (P, δ1)   (nodes)  (residuals)└── export    P and the model's block for a profile
 //!  cuts)   └── one temperature each
 //! ```
+//! The matrix P contains the displacement of the guideway for each block that is 1 K warmer. δ1 is the
+//! displacement of the guideway in a load case.
 //!
 //! # Units
 //! The units are those of an FE input file in millimetres, newtons, seconds, tonnes and kelvin:

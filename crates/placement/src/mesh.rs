@@ -89,9 +89,9 @@ pub struct Mesh {
     pub xyz: Vec<[f64; 3]>,
     /// Elements of the mesh. All are tetrahedra.
     pub elements: Vec<Element>,
-    /// Node sets by name in capitals: indices in the order of the file, each once.
+    /// Node sets by name in capitals: indices of the nodes in the order of the file, without duplicates.
     pub node_sets: BTreeMap<String, Vec<usize>>,
-    /// Element sets by name in capitals: indices, ascending, each once.
+    /// Element sets by name in capitals: indices of the elements, ascending, without duplicates.
     pub element_sets: BTreeMap<String, Vec<usize>>,
 }
 

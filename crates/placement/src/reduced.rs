@@ -63,8 +63,8 @@ pub struct Modes {
     pub rates: Vec<f64>,
     /// Amplitude of each mode if the whole structure is 1 K warmer.
     pub uniform: Vec<f64>,
-    /// For each port, its temperature if one mode has the amplitude 1, for each mode, K. A heat flow of 1 W into the
-    /// port excites the modes with the same numbers.
+    /// For each port, one number for each mode: the temperature of the port if the mode has the amplitude 1,
+    /// K. The same number is the excitation of the mode by a heat flow of 1 W into the port.
     pub ports: BTreeMap<String, Vec<f64>>,
     /// For each sink, the excitation of each mode if the sink is 1 K warmer. The sum of these numbers times `uniform`
     /// is film coefficient times area, W/K.

@@ -54,8 +54,9 @@ fn parts(mesh: &Mesh) -> Vec<Vec<usize>> {
     parts
 }
 
-/// Maximum distance from a line, as a share of the size of the part, at which nodes do not prevent a rotation about the
-/// line. Rounding of coordinates must not appear as a support. A support at a thousandth of the size is accepted.
+/// Maximum distance from a line at which a fixed node counts as on the line, as a share of the size of the
+/// part. Fixed nodes on one line do not prevent a rotation about this line. The limit is larger than rounding
+/// errors of coordinates, but a support at a thousandth of the size still prevents the rotation.
 const ON_LINE: f64 = 3e-5;
 
 /// Returns the possible motion of a part that is not fixed, for example a rotation about the line through all its fixed

@@ -1,7 +1,8 @@
 //! Study of a structure under its load cases: the places of its sensors, and the residual error of each case.
 //!
-//! The error of block temperatures θ is P·θ − δ1, µm RMS over the guideway. The error is calculated for four sets of
-//! block temperatures:
+//! The matrix P contains the displacement of the guideway for each block that is 1 K warmer. δ1 is the
+//! displacement of the guideway in a load case. The error of block temperatures θ is P·θ − δ1, µm RMS over
+//! the guideway. The error is calculated for four sets of block temperatures:
 //!
 //! - *naive*: the temperature of the node at the centre of each block, or the mean of its nodes;
 //! - *optimised*: the temperatures θg that a method requests;
@@ -52,8 +53,8 @@ pub struct Study {
     pub mesh: Mesh,
     /// Indices of the guideway nodes.
     pub guide: Vec<usize>,
-    /// Matrix P, mm/K: displacement of the guideway if a block is 1 K warmer. Three rows (x, y,
-    /// z) for each guideway node, and one column for each block.
+    /// Matrix P, mm/K: displacement of the guideway if a block is 1 K warmer. P has three rows (x, y and z)
+    /// for each guideway node, and one column for each block.
     pub p: Vec<Vec<f64>>,
     /// Displacement of the guideway nodes per kelvin of every node; `None` if other divisions into blocks are not to be
     /// evaluated.
@@ -182,8 +183,8 @@ pub struct SensorCount {
 /// Result of the study: places of the sensors, and residual errors.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Placement {
-    /// Matrix P, mm/K: displacement of the guideway if a block is 1 K warmer. Three rows (x, y,
-    /// z) for each guideway node, and one column for each block.
+    /// Matrix P, mm/K: displacement of the guideway if a block is 1 K warmer. P has three rows (x, y and z)
+    /// for each guideway node, and one column for each block.
     #[serde(rename = "P")]
     pub p: Vec<Vec<f64>>,
     /// Names of the blocks.

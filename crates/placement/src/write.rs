@@ -9,7 +9,7 @@ use crate::mesh::{Kind, Mesh};
 /// Number of node or element numbers in one text line of a set.
 const IN_LINE: usize = 10;
 
-/// Returns the text of nodes, elements and sets, which FE input files include.
+/// Returns the mesh as text of an FE input file: its nodes, elements and sets.
 #[must_use]
 pub fn mesh(mesh: &Mesh) -> String {
     let mut text = coordinates(mesh);

@@ -1,5 +1,5 @@
-//! Example: the gateway has no broker for an hour, and publishes the stored values afterwards. Prints the disk space
-//! and the number of messages that this takes.
+//! Example: the gateway has no connection to the broker for an hour, and publishes the stored values
+//! afterwards. Prints the required disk space and the number of messages.
 //!
 //! `cargo run --release -p isotherm-plant --example gap`: a hundred temperatures with one value per second each.
 
@@ -17,7 +17,7 @@ fn at(second: u32) -> Moment {
     Moment::from_nanos((1_800_000_000 + u64::from(second)) * 1_000_000_000)
 }
 
-/// Makes the snapshot of the second `second`. Every temperature differs from its value one second before.
+/// Returns the snapshot at the time `second`, s. Every temperature differs from its value one second before.
 fn snapshot(second: u32) -> Snapshot {
     let signal = |number: u32| Metric {
         subject: Subject::Signal(format!("bed-{number}")),

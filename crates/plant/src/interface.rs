@@ -10,7 +10,8 @@ pub use host::PrimaryHost;
 pub use message::{Command, Message, Outcome, Qos, Reaction, Record, Subscription};
 pub use snapshot::{Importance, Metric, PlantEvent, Snapshot, Subject, Value};
 
-/// Format of the MQTT messages. The implementation stores what it has published.
+/// Format of the MQTT messages. An implementation stores the values that it published last, to find the
+/// values that have changed.
 ///
 /// The gateway calls the functions in this order:
 ///
@@ -37,7 +38,7 @@ pub trait Publisher: Send {
     /// connection.
     fn connect_sent(&mut self) {}
 
-    /// Returns the subscriptions of this connection. They are empty if the gateway accepts no messages.
+    /// Returns the subscriptions of this connection; empty if the gateway accepts no messages.
     fn subscriptions(&self) -> Vec<Subscription>;
 
     /// Returns the state of the host that must be present before [`connected`](Publisher::connected) is called. If it

@@ -1,4 +1,4 @@
-//! MQTT messages in JSON: a topic for each axis, signal, output, device and bus, with one document.
+//! MQTT messages in JSON. Each axis, signal, output, device and bus has its own topic with one JSON document.
 //!
 //! ```text
 //! GROUP/MACHINE/state           online or offline; the will message also says offline
@@ -8,9 +8,10 @@
 //! GROUP/MACHINE/event           { "at": …, "kind": "axis-state", "level": "warning", "text": …, "data": { … } }
 //! ```
 //!
-//! The broker retains all messages except events. Documents have QoS 0, because the next document replaces a lost
-//! document. State, events and the discovery messages for Home Assistant have QoS 1. The state is published again after
-//! `refresh` as well, because another client may have replaced the retained message.
+//! The broker retains all messages except events. Documents have QoS 0, because the next document replaces a
+//! lost document. State, events and the discovery messages for Home Assistant have QoS 1. The state `online`
+//! is published again after the time `refresh`, because another client may have replaced the retained
+//! message.
 
 use std::collections::{BTreeMap, VecDeque};
 use std::time::Duration;

@@ -1,5 +1,5 @@
-//! MQTT messages about a machine for its plant. The crate makes messages from the state of the gateway, and commands
-//! from received messages.
+//! MQTT messages that report the state of a machine to other systems in the plant. The crate makes these
+//! messages from the state of the gateway. It also converts received messages to commands.
 //!
 //! The message formats use no connection and no clock: time is an argument. The gateway makes a [`Snapshot`] of its
 //! state, a [`Publisher`] makes [`Message`]s from the snapshot, and the gateway sends them to a broker.

@@ -7,12 +7,13 @@
 //! seq                0          1 … 255, 0 …
 //! ```
 //!
-//! **One node, no devices.** Axes, signals and outputs are folders in the names of the node's metrics (`axis/z/cz_um`).
-//! They are not devices with births and deaths, because they exist as long as the gateway. A failed signal is published
-//! as null with bad quality, which says more than a death.
+//! **One node, no devices.** Axes, signals and outputs are folders in the names of the node's metrics
+//! (`axis/z/cz_um`). They are not Sparkplug devices with their own birth and death messages, because they
+//! exist as long as the gateway runs. A failed signal is published as null with bad quality, and its metric
+//! remains known to the host.
 //!
-//! **Report by exception.** Data messages contain the alias from the birth. They contain only metrics that have changed
-//! by at least their resolution.
+//! **Report by exception.** Data messages identify each metric by its alias, a number that the birth message
+//! assigns to the name. They contain only metrics that have changed by at least their resolution.
 //!
 //! **Unknown values** are null. For a signal, the property `Quality` is then 0, and 192 in the first valid value after
 //! that. Other values have no such property. A rejected value is not published as stale, so that no historian stores
@@ -28,11 +29,12 @@
 //! **Commands.** `Node Control/Rebirth`, at most once per second, and the measured error of an axis if the profile
 //! allows it. All other commands are refused.
 //!
-//! **Primary host.** If the profile names one, the node is born only while this host is online. When the host goes
-//! offline, the node publishes its death, and the gateway closes the connection. Values and events until the host is
-//! online again become stored records. The values of the last minutes before that also become stored records, because
-//! the broker reports a dead host only after a while. Without a host in the profile, the node ignores the state of
-//! every host: each client that may publish below `spBv1.0/STATE` could otherwise disconnect the node from all other
+//! **Primary host.** If the profile names a primary host, the node publishes its birth only while this host
+//! is online. When the host goes offline, the node publishes its death, and the gateway closes the
+//! connection. Values and events become stored records until the host is online again. The values of the last
+//! minutes before the host went offline also become stored records, because the broker reports a dead host
+//! only after a while. Without a primary host in the profile, the node ignores the state of every host.
+//! Otherwise each client that may publish below `spBv1.0/STATE` could disconnect the node from all other
 //! hosts.
 //!
 //! **Quality of service 0** for births and data, as the specification requires: the broker does not acknowledge these
@@ -90,12 +92,12 @@ pub struct Sparkplug {
     /// Metrics in the birth of this connection; `None` before the birth, and without a connection.
     born: Option<BirthMetrics>,
     born_at: Moment,
-    /// Difference between wall-clock time and monotonic time in the last snapshot.
+    /// Shift from monotonic time to wall-clock time, from the last snapshot.
     shift: Shift,
     published: PublishedMetrics,
     unconfirmed: Unconfirmed,
-    /// Stored records that were published recently, used only with a primary host. If the host goes offline before it
-    /// has received them, they are stored again.
+    /// Stored records that were published recently, used only with a primary host. If the host goes offline
+    /// before it has received these records, they are stored again.
     forwarded: Unconfirmed,
     /// Whether a host has requested a birth message that must wait for the minimum time between births. The node
     /// publishes no data before this birth.
@@ -124,8 +126,9 @@ pub struct LostValues {
 }
 
 impl Sparkplug {
-    /// Creates an edge node with this address. `bd_seq` is the death number that the last run has sent; `None` if there
-    /// is no such run. `takes_measured` states whether the profile lets hosts send measured errors.
+    /// Creates an edge node with this address. `bd_seq` is the last death number that an earlier run sent;
+    /// `None` if no number is known. `takes_measured` states whether the profile lets hosts send measured
+    /// errors.
     pub fn new(address: Address, bd_seq: Option<u8>, takes_measured: bool) -> Sparkplug {
         Sparkplug {
             address,
@@ -187,7 +190,7 @@ impl Sparkplug {
         messages
     }
 
-    /// Converts `now` to wall-clock time, and stores the difference between both clocks from the snapshot.
+    /// Converts `now` to wall-clock time with the shift of the snapshot, and stores this shift.
     fn stamp(&mut self, now: Moment, snapshot: &Snapshot) -> Moment {
         self.shift = snapshot.shift;
         now.shifted(self.shift)
@@ -299,7 +302,8 @@ impl Publisher for Sparkplug {
         self.host.as_ref().map_or(PrimaryHost::NotNeeded, HostWatch::state)
     }
 
-    /// Returns `true` for the state of the primary host, which the broker retains.
+    /// Returns whether the node accepts retained messages on this topic: only on the topic of the primary
+    /// host's state.
     fn takes_retained(&self, topic: &str) -> bool {
         self.host.as_ref().is_some_and(|host| host.topic() == topic)
     }

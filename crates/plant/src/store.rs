@@ -6,10 +6,11 @@
 //! DIRECTORY/told                             all records before this number were published
 //! ```
 //!
-//! **After a kill**, every record that [`push`](Store::push) has accepted is available, in order and unchanged. A
-//! partly written record is discarded. Records that were published, but not yet marked by
-//! [`drop_first`](Store::drop_first), are returned again; others are not. After a power failure, this holds only for
-//! records that were appended before the last call of [`sync`](Store::sync).
+//! **After a kill**, every record that [`push`](Store::push) has accepted is available, in order and
+//! unchanged. A partly written record is discarded. [`first`](Store::first) returns published records again
+//! if [`drop_first`](Store::drop_first) has not marked them yet. It does not return marked records. After a
+//! power failure, this holds only for records that were appended before the last call of
+//! [`sync`](Store::sync).
 //!
 //! **A full store** removes its whole oldest file. The records in it that were not published are counted as lost.
 //!
@@ -261,8 +262,9 @@ impl Store {
     /// Marks the `count` oldest records as published, and removes the files in which all records are marked.
     ///
     /// # Errors
-    /// The mark cannot be written. Before a restart, the records are not returned a second time. After a restart, they
-    /// are returned if their file still exists.
+    /// The mark cannot be written, or a file cannot be removed. The records are not returned again before a
+    /// restart. After a restart, records whose mark was not written are returned again if their file still
+    /// exists.
     pub fn drop_first(&mut self, count: usize) -> io::Result<()> {
         let mut left = u64::try_from(count).unwrap_or(u64::MAX);
         for segment in &self.segments {

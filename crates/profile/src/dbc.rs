@@ -89,8 +89,8 @@ impl DbcFile {
     /// which many DBC editors write.
     ///
     /// # Errors
-    /// The file is not a DBC file. The error names the kind of the file if it is known. Otherwise it states the position
-    /// of the first invalid line.
+    /// The file is not a DBC file. The error names the kind of the file if it is known. Otherwise it states
+    /// the position of the first invalid line.
     pub(crate) fn read(bytes: Vec<u8>) -> Result<DbcFile, Wrong> {
         let other = FileKind::of(&bytes).and_then(|kind| kind.instead_of(FileKind::Dbc));
         let other = other.map(|other| Wrong::about(other.message, other.help));
@@ -276,9 +276,9 @@ impl DbcFile {
         })
     }
 
-    /// Returns the multiplexers that select a signal. Each comes with the multiplexer values at which a frame contains
-    /// the signal. Empty if every frame of the message contains the signal. `deep` is the largest depth of nested
-    /// multiplexers.
+    /// Returns the multiplexers that select a signal, each with the multiplexer values at which a frame
+    /// contains the signal. Empty if every frame of the message contains the signal. `deep` is the number of
+    /// nested multiplexers that may still follow. A signal without a valid multiplexer is an error.
     fn selectors(&self, message: &Message, signal: &Signal, deep: usize) -> Result<Vec<Selector>, Wrong> {
         let extended: Vec<_> = (self.dbc.extended_multiplex.iter())
             .filter(|known| known.message_id == message.id && known.signal_name == signal.name)
@@ -322,8 +322,8 @@ impl DbcFile {
         })
     }
 
-    /// Builds an error with the message `what` at the first line that contains `text`. With a `message`, the search
-    /// begins at the line of this message.
+    /// Builds an error with the error message `what` at the first line that contains `text`. If `message`
+    /// names a message of the DBC file, the search begins at the line of this message.
     fn at(&self, text: &str, message: Option<&&str>, what: String) -> Wrong {
         let mut lines = self.text.lines().enumerate();
         if let Some(message) = message {

@@ -1,5 +1,6 @@
-//! Errors of a profile: each with its place in the profile, the words allowed at this place, and the nearest of these
-//! words.
+//! Errors of a profile. Each error has its position in the profile, a sentence about the mistake, and a hint.
+//! A hint lists the words that are allowed at this position, and the one with the most similar spelling (the
+//! nearest word). Other hints state the remedy.
 
 use std::fmt;
 
@@ -35,9 +36,9 @@ pub struct ProfileError {
     /// Number of further errors that are not listed. Only the last listed error has a number other than 0.
     #[serde(skip_serializing_if = "is_nought")]
     pub more: usize,
-    /// For a key that a layer (local file, environment or `--set`) must not set: the value of the profile's key
-    /// `allow_override` that would permit the layer to set this key. Empty if no value permits this. `None` for all
-    /// other errors.
+    /// Complete list for the profile's key `allow_override` that would permit a layer (local file,
+    /// environment or `--set`) to set this key. Empty if no list permits this. `None` if the error has
+    /// another reason.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub allow_override: Option<Vec<String>>,
 }
@@ -53,7 +54,7 @@ const MOST_LISTED: usize = 50;
 const MOST_DESCRIBED: usize = 1000;
 /// Largest number of allowed words that a hint lists.
 const MOST_WORDS: usize = 200;
-/// Largest number of allowed words that are compared with a wrong word, to find the nearest one.
+/// Largest number of allowed words whose spelling is compared with a wrong word, to find the nearest word.
 const MOST_COMPARED: usize = 1000;
 /// Largest length of an error message, in characters, because a message may quote a long text of the profile.
 const LONGEST_MESSAGE: usize = 800;
@@ -213,8 +214,8 @@ pub fn allowed<'a>(word: &str, words: impl IntoIterator<Item = &'a str>) -> Stri
     listed(nearest_or_longer(word, &words), &words)
 }
 
-/// Returns the allowed word that was probably meant. This is the nearest word, or else the shortest word that contains
-/// `word`. For example, `m7018` is part of the name of a template.
+/// Returns the allowed word that was probably meant. This is the word with the most similar spelling, or else
+/// the shortest word that contains `word`. For example, `m7018` is a part of the name of a template.
 pub fn nearest_or_longer<'a>(word: &str, words: &[&'a str]) -> Option<&'a str> {
     /// Smallest length of `word`, in characters, for which words that contain it are searched. A shorter text is part
     /// of too many words.
@@ -285,7 +286,8 @@ pub(crate) fn also<'a>(
     meant.filter_map(|meant| words.iter().copied().find(|known| *known == meant)).next()
 }
 
-/// Returns the allowed word that is nearest to `word`, which was probably meant. `None` if no word is similar.
+/// Returns the allowed word whose spelling is most similar to `word`, which was probably meant. `None` if no
+/// word is similar.
 pub fn nearest<'a>(word: &str, words: &[&'a str]) -> Option<&'a str> {
     let lower = word.to_lowercase();
     if let Some(meant) = also(&lower, words, |word, written| word == written) {

@@ -17,8 +17,8 @@ use crate::tables::signal::unit::Unit;
 use crate::wording::counted;
 use isotherm_core::reading::SignalId;
 
-/// Shortest allowed period of reads, writes and updates. A period of a microsecond would cause 66,000 requests per
-/// second, and use all the time of the computer.
+/// Shortest allowed period of reads, writes and updates. A period of a microsecond would cause 66,000
+/// requests per second, and occupy the computer.
 const SHORTEST_PERIOD: Duration = Duration::from_millis(1);
 
 /// Names of all tables of one kind, for example of all signals, in the order of the file.
@@ -52,8 +52,8 @@ pub(crate) struct KeyContext<'c> {
     pub(crate) path: String,
 }
 
-/// Resolves an optional part. Returns `Some(None)` if the profile does not contain the part, and `None` if the part has
-/// errors.
+/// Resolves an optional part of the profile with the function `resolve`. Returns `Some(None)` if the profile
+/// does not contain the part, and `None` if the part has errors.
 pub(crate) fn optional<R, T>(raw: Option<R>, resolve: impl FnOnce(R) -> Option<T>) -> Option<Option<T>> {
     raw.map_or(Some(None), |raw| resolve(raw).map(Some))
 }

@@ -1,7 +1,7 @@
 //! Kinds of buses, for example Modbus and CAN. Each kind has a folder or file with its keys and addresses, checks, read
 //! requests, and preview. A bus is also called a line.
 //!
-//! A new kind is a file next to the others and a line in [`KINDS`].
+//! A new kind needs a file in the directory of this module, and an entry in [`KINDS`].
 
 use crate::tables::bus::LineType;
 use crate::tables::bus::transport::Transport;

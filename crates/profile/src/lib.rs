@@ -1,25 +1,25 @@
-//! Machine profile: one TOML file, resolved into its final types before the gateway opens a connection.
+//! Machine profile: one TOML file, checked and converted to Rust types before the gateway opens a connection.
 //!
-//! [`load`] reads the layers: the profile, the `.local.toml` next to it, the environment, and `--set`. It reports all
-//! errors at once, each with its place. The result is a [`Profile`], in which references to a name are indices, and
-//! words are Rust types.
+//! [`load`] reads the layers: the profile, the `.local.toml` file next to it, the environment, and `--set`.
+//! It reports all errors at once, each with its position. The result is a [`Profile`]. References to tables
+//! by name have become indices, and the words of the profile have become Rust enums.
 //!
 //! # Layout
-//! - `load`, `merge`, `schema_check`, `source_map`: reading the layers, merging them, checking them against the schema,
-//!   and the place of each key.
+//! - `load`, `merge`, `schema_check`, `source_map`: reading the layers, merging them, checking them against
+//!   the schema, and storing the position of each key.
 //! - `syntax_errors`: the syntax errors of a TOML file, without errors that only result from others.
 //! - [`edit`]: replaces a model in the text of a profile, and keeps the comments.
 //! - `overridden_keys`, `protected_keys`: keys that the layers change, and keys that they must not change.
 //! - `file_kind`: recognises the kind of a file by its content, to report a file of the wrong kind.
 //! - `files`, `sources`: files that a profile names, and the record of everything that was read.
-//! - [`host_and_port`], `ip_network`: addresses. [`safe_file`]: files named by a user. `control_chars`: safe display of
-//!   foreign texts.
+//! - [`host_and_port`], `ip_network`: addresses. [`safe_file`]: files named by a user. `control_chars`: safe
+//!   display of texts from untrusted sources.
 //! - `template`, `dbc`: device templates, and DBC files, which describe CAN frames.
 //! - `key_context`: a key that is being checked, with its errors and warnings.
 //! - `kinds`: one folder or file for each kind of bus: its keys, addresses, read requests and preview.
 //! - `ids`, `members`, `profile`: indices of tables, the members of devices and buses, and the resolved [`Profile`].
 //! - `tables`: one file for each table of the profile: its keys, checks, resolved form, and preview.
-//! - [`log_columns`]: names of the columns of a log, which no signal may have.
+//! - [`log_columns`]: names of the columns of a log. No signal may have such a name.
 //! - `written_places`: the registers, nodes, objects and frames that the gateway writes.
 //! - [`plan`]: the read requests of a device. [`preview`]: the output of `isotherm check`.
 

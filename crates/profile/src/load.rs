@@ -40,8 +40,9 @@ const NAMED: usize = 5;
 /// Size in bytes. A profile of at least this size is loaded in a separate thread, whose memory is then returned to the
 /// system.
 const LARGE: usize = 100_000;
-/// Address space in bytes. Freeing this much makes glibc return the free memory of a thread. The size is twice the
-/// largest block that is freed after a profile with a thousand devices was loaded.
+/// Address space in bytes that is freed at the end of a thread's heap. Freeing this much makes glibc return
+/// the free memory of the thread. The size is twice the largest block that is freed after a profile with a
+/// thousand devices was loaded.
 const MOST_END: usize = 40_000_000;
 /// Size in bytes of an allocated block. A block of this size is small enough for glibc to take it from the heap.
 const PIECE: usize = 100 * 1024;
@@ -64,7 +65,7 @@ pub struct Loaded {
 /// (`--set`).
 ///
 /// # Errors
-/// All mistakes in the profile, each with its place.
+/// All mistakes in the profile, each with its position.
 pub fn load(path: &Path, settings: &Pairs, environment: &Pairs) -> Result<Loaded, Errors> {
     Ok(read(path, settings, environment, Certificates::Needed, None)?.0)
 }
@@ -73,7 +74,7 @@ pub fn load(path: &Path, settings: &Pairs, environment: &Pairs) -> Result<Loaded
 /// empty file.
 ///
 /// # Errors
-/// All other mistakes in the profile, each with its place.
+/// All other mistakes in the profile, each with its position.
 pub fn load_before_certificates(
     path: &Path,
     settings: &Pairs,
@@ -85,7 +86,7 @@ pub fn load_before_certificates(
 /// Loads a profile with the environment and options in `sources`, and stores all files that it reads in `sources`.
 ///
 /// # Errors
-/// All mistakes in the profile, each with its place.
+/// All mistakes in the profile, each with its position.
 pub fn load_and_keep(path: &Path, sources: Sources) -> Result<(Loaded, Sources), Errors> {
     let (settings, environment) = (sources.settings().to_vec(), sources.environment().to_vec());
     let (loaded, sources) = read(path, &settings, &environment, Certificates::Needed, Some(sources))?;
@@ -96,7 +97,7 @@ pub fn load_and_keep(path: &Path, sources: Sources) -> Result<(Loaded, Sources),
 /// Loads a profile from stored sources. The file system is not used.
 ///
 /// # Errors
-/// All mistakes in the profile, each with its place.
+/// All mistakes in the profile, each with its position.
 pub fn load_from(path: &Path, sources: &Sources) -> Result<Loaded, Errors> {
     let directory = path.parent().unwrap_or(Path::new(""));
     read_layers(path, sources.settings(), sources.environment(), &Files::Kept(directory, sources))
@@ -150,7 +151,7 @@ fn with_local(path: &Path, text: String, files: &Files<'_>) -> Result<Vec<(PathB
 /// Loads a profile from a text, for example one that is part of the program. Such a profile cannot refer to files.
 ///
 /// # Errors
-/// All mistakes in the profile, each with its place.
+/// All mistakes in the profile, each with its position.
 pub fn parse(name: &Path, text: &str, settings: &Pairs, environment: &Pairs) -> Result<Loaded, Errors> {
     parse_with(name, text, &[], settings, environment)
 }
@@ -159,7 +160,7 @@ pub fn parse(name: &Path, text: &str, settings: &Pairs, environment: &Pairs) -> 
 /// envelopes by name.
 ///
 /// # Errors
-/// All mistakes in the profile, each with its place.
+/// All mistakes in the profile, each with its position.
 pub fn parse_with(
     name: &Path,
     text: &str,
@@ -170,11 +171,11 @@ pub fn parse_with(
     layered(&[(name.to_owned(), text.to_owned())], &Files::Inside(files), settings, environment)
 }
 
-/// Loads a profile from a text that is not saved yet, as if it were the file at this path: files that it names are next
-/// to that path. Other layers do not apply.
+/// Loads a profile from a text that is not saved yet. Names of files in this text are relative to the
+/// directory of `path`. The other layers (local file, environment, `--set`) are not read.
 ///
 /// # Errors
-/// All mistakes in the profile, each with its place.
+/// All mistakes in the profile, each with its position.
 pub fn parse_beside(path: &Path, text: &str) -> Result<Loaded, Errors> {
     let disk = Disk::new(path.parent().unwrap_or(Path::new("")), Certificates::Needed, None);
     layered(&[(path.to_owned(), text.to_owned())], &Files::Beside(&disk), &[], &[])
@@ -184,7 +185,7 @@ pub fn parse_beside(path: &Path, text: &str) -> Result<Loaded, Errors> {
 /// `environment` apply.
 ///
 /// # Errors
-/// All mistakes in the profile, each with its place.
+/// All mistakes in the profile, each with its position.
 pub fn load_edited(path: &Path, text: &str, environment: &Pairs) -> Result<Loaded, Errors> {
     let disk = Disk::new(path.parent().unwrap_or(Path::new("")), Certificates::Needed, None);
     let files = Files::Beside(&disk);
@@ -207,8 +208,9 @@ fn is_ours(name: &str) -> bool {
     name.starts_with(PREFIX)
 }
 
-/// Warns about environment variables that begin with `ISOTHERM_` but are not settings of this program. An orchestrator
-/// sets such variables for a service named isotherm. Or an operator forgot an underscore.
+/// Returns a warning about environment variables that begin with `ISOTHERM_` but are not settings of this
+/// program. An orchestrator sets such variables for a service named isotherm, or an operator forgot an
+/// underscore. `None` if there are no such variables.
 fn strangers(environment: &Pairs) -> Option<ProfileError> {
     let names = environment.iter().map(|(name, _)| name.as_str());
     let names: Vec<&str> =
@@ -315,10 +317,10 @@ fn local_beside(path: &Path) -> PathBuf {
     path.with_extension("local.toml")
 }
 
-/// Loads the layers. The first profile of a process, and each large profile, is loaded in a separate thread with its
-/// own heap. Loading needs many times the memory of the result. The allocator of glibc returns free memory only if no
-/// block in use lies above it. Therefore the result is copied out of the thread. The schemas of the first profile are
-/// not kept, because a gateway loads only one profile.
+/// Loads the layers. The first profile of a process, and each large profile, is loaded in a separate thread
+/// with its own heap, because loading needs many times the memory of the result. The allocator of glibc
+/// returns free memory only if no block in use lies above it. Therefore the result is copied out of the heap
+/// of the thread. The schemas of the first profile are not kept, because a gateway loads only one profile.
 fn layered(
     layers: &[(PathBuf, String)],
     files: &Files<'_>,
@@ -525,8 +527,8 @@ fn merge_all(layers: &[Value], errors: &mut Findings) -> Value {
     })
 }
 
-/// Finds the schema of the key at a path. Returns the path as the profile spells it, with the schema. Every named table
-/// of the path must exist in a file.
+/// Finds the schema of the key at a path. Returns the path as the profile spells it, with the schema. Every
+/// named table of the path must exist in a file. The error is a message and a hint.
 fn find<'a>(
     root: &'a Value,
     below: &Value,

@@ -1,5 +1,5 @@
-//! Names of the columns of a log. A signal or an axis must not have such a name: a log would contain two columns with the
-//! same name, and no program could read that log.
+//! Names of the columns of a log. A signal or an axis must not have such a name. Otherwise a log would
+//! contain two columns with the same name, and no program could read that log.
 
 use std::collections::BTreeMap;
 
@@ -8,9 +8,9 @@ use isotherm_core::quantity::TimeColumns;
 /// First column of every log.
 pub const TIME: &str = "time";
 
-/// Permission of the axis to move: off, armed, unverified, held or stopping.
+/// Permission of the axis to change its Cz (compensation value): off, armed, unverified, held or stopping.
 pub const PERMIT: &str = "permit";
-/// Cz in the register from which the axis continued at this row, µm.
+/// Cz in the register, from which the axis resumed at this row, µm.
 pub const FROM: &str = "from_um";
 /// Cz that the model requests, µm.
 pub const RAW: &str = "raw_um";
@@ -24,19 +24,20 @@ pub const STATE: &str = "state";
 pub const ACTED: &str = "acted";
 /// Target of Cz while the sign of the axis is checked with a dial gauge, µm.
 pub const SIGN: &str = "sign_um";
-/// Verified Cz of the output farthest behind the decision, µm.
+/// Verified Cz of the output register that differs most from the decided Cz, µm.
 pub const BEHIND: &str = "behind_um";
 /// Cz to which an axis on hold returns because the settings of a sensor were changed, µm.
 pub const RETURN: &str = "return_um";
-/// Slope to which such an axis returns; unit as for [`SLOPE`]. Only for a slope that the control applies.
+/// Slope to which an axis on hold returns because the settings of a sensor were changed; unit as for
+/// [`SLOPE`]. Only for a slope that the control applies.
 pub const RETURN_SLOPE: &str = "return_slope_um";
-/// Slope in the register from which the axis continued; unit as for [`SLOPE`]. Only for a slope that the control
-/// applies.
+/// Slope in the register, from which the axis resumed; unit as for [`SLOPE`]. Only for a slope that the
+/// control applies.
 pub const SLOPE_FROM: &str = "slope_from_um";
-/// Slope of the decision, as its effect at the axis's largest distance from the reference position, µm. Only for a slope
-/// that the control applies.
+/// Decided slope, as its effect at the axis's largest distance from the reference position, µm. Only for a
+/// slope that the control applies.
 pub const SLOPE: &str = "slope_um";
-/// Error that a probe has measured, µm. Only for an axis with a probe, like the next four.
+/// Error that a probe has measured, µm. Only for an axis with a probe, like the next four columns.
 pub const MEASURED: &str = "measured_um";
 /// Cz that acted during the measurement, µm.
 pub const ACTING: &str = "acting_um";
@@ -48,7 +49,8 @@ pub const WORSE: &str = "worse";
 pub const CORRECTION: &str = "correction_um";
 /// Expected residual error as one standard deviation, µm. Only for a model that calculates it.
 pub const EXPECTED: &str = "expected_um";
-/// Sensor of the model in use that has a stand-in. Only for an axis whose models have stand-ins.
+/// Sensor of the model in use whose reading is replaced by a stand-in (an estimate from other sensors). Only
+/// for an axis whose models have stand-ins.
 pub const STOOD_IN: &str = "stood_in";
 /// 1 if the operator has disarmed the axis, so that its sensors are accepted again. Only for an axis whose models have
 /// stand-ins.
@@ -59,9 +61,9 @@ pub const PREFERRED: &str = "preferred";
 /// Columns of the decision of an axis, in their order.
 pub const DECIDED: [&str; 5] = [RAW, CZ, MODEL, STATE, ACTED];
 
-/// Name endings of the columns of an axis. For example, `z_cz_um` is the compensation value (Cz) of axis `z`. A log has
-/// some of these columns only if the axis has certain keys. `error_um`, the measured error in a log from elsewhere, is not
-/// in this list, because a signal that measures the error may have its name.
+/// Name endings of the columns of an axis. For example, `z_cz_um` is the Cz of axis `z`. A log has some of
+/// these columns only if the axis has certain keys. The list does not contain `error_um`, the measured error
+/// in a log of another program, because a signal that measures the error may have its name.
 pub const OF_AXIS: [&str; 22] = [
     PERMIT,
     FROM,

@@ -50,7 +50,8 @@ impl Clone for ProfileMembers {
     }
 }
 
-/// Always equal: the lists are calculated from the tables of the profile, which are compared themselves.
+/// Treats all member lists as equal. They are calculated from the tables of the profile, and these tables are
+/// compared themselves.
 impl PartialEq for ProfileMembers {
     fn eq(&self, _: &ProfileMembers) -> bool {
         true

@@ -44,12 +44,12 @@ pub fn plan<'a>(
 }
 
 impl Profile {
-    /// Read requests of one poll of a device.
+    /// Returns the read requests of one poll of a device.
     pub fn requests(&self, device: DeviceId) -> Vec<ReadRequest> {
         plan(self.device(device), self.signals_of(device))
     }
 
-    /// Read requests of one poll of a device, without the requests for CANopen objects.
+    /// Returns the read requests of one poll of a device, without the requests for CANopen objects.
     pub fn register_requests(&self, device: DeviceId) -> Vec<ReadRequest> {
         let is_object = |request: &ReadRequest| matches!(request.asks, ReadTarget::Object(_));
         self.requests(device).into_iter().filter(|request| !is_object(request)).collect()

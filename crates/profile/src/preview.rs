@@ -1,5 +1,5 @@
-//! Preview of a valid profile in sentences and numbers: the values that the gateway reads and writes, and how each axis
-//! moves.
+//! Preview of a valid profile, which `isotherm check` prints as sentences and numbers: the values that the
+//! gateway reads and writes, and how the compensation value (Cz) of each axis changes.
 //!
 //! The operator reads the preview before the gateway is connected to a machine. For programs, the same content is
 //! available as one JSON document.

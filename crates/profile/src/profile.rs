@@ -24,7 +24,8 @@ pub struct Profile {
     pub label: String,
     /// Path of the profile.
     pub path: PathBuf,
-    /// Settings of the signals that start the machine time and capture references.
+    /// Signals that start the time since machine start and capture references, and the averaging time of
+    /// references.
     pub machine: MachineSettings,
     /// Whether axes are armed automatically, or only by the operator.
     pub arm: Arm,
@@ -142,8 +143,8 @@ impl Profile {
         &self.sets[id.0]
     }
 
-    /// Returns the CANopen objects of a device: first those of checks, then those of signals, then those of outputs.
-    /// Each occurs once.
+    /// Returns the CANopen objects of a device: first those of checks, then those of signals, then those of
+    /// outputs. Each object occurs once.
     pub fn objects(&self, device: DeviceId) -> Vec<Object> {
         let object =
             |address: &Address| if let Address::Object(object) = address { Some(*object) } else { None };

@@ -8,7 +8,7 @@
 //! | `less` | A limit: a layer may reduce the number |
 //! | `same` | A protection: only the profile sets it |
 //! | `arrives` | The key changes the data that the machine receives: only the profile sets it |
-//! | `free` | A layer may set it, although its table says otherwise |
+//! | `free` | A layer may set the key, although the rule of its table would forbid this |
 //!
 //! The rule for keys of a device applies only if the gateway writes to that device. The rule for keys of a signal
 //! applies only if the signal is a position that an output corrects, or if the gateway writes a register before it
@@ -184,8 +184,9 @@ impl<'a> Influence<'a> {
         Influence { devices, signals, axes }
     }
 
-    /// Returns whether the refused key influences the data that the machine receives. Keys of a device or a signal, and
-    /// the models of an axis, count only if these lists contain its name. All other keys count.
+    /// Returns whether the refused key influences the data that the machine receives. Keys of a device or a
+    /// signal, and the models of an axis, count only if the corresponding list contains the name of their
+    /// table. All other keys count.
     fn has(&self, Refusal { kind, name, key, .. }: &Refusal) -> bool {
         match (kind.as_str(), key.as_str()) {
             ("device", _) => self.devices.contains(name.as_str()),

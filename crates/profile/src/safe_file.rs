@@ -14,8 +14,9 @@ pub const LARGEST: u64 = 16 * 1024 * 1024;
 
 /// Largest size of a profile or template, in bytes: enough for 5,000 devices with eight signals and an axis each.
 ///
-/// The check of a key needs fifty times the length of the key in memory, because the TOML reader keeps 48 bytes for
-/// each token. Under systemd, a gateway and its successor during a restart share 1 GB.
+/// The check of a key needs fifty times the length of the key in memory, because the TOML reader keeps 48
+/// bytes for each token. Under systemd, the memory limit is 1 GB. During a restart, a gateway and its
+/// successor share this memory.
 pub const LARGEST_PROFILE: u64 = 8 * 1024 * 1024;
 
 /// Opens a regular file for reading. Links are followed.

@@ -1,5 +1,6 @@
-//! Sources of a profile: everything that the loader reads from the file system, environment and command line. They are
-//! stored in one file, so that the same profile can be loaded again after its sources have changed.
+//! Sources of a profile: everything that the loader reads from the file system, environment and command line.
+//! All sources are stored in one file. The same profile can then be loaded again after its sources have
+//! changed.
 //!
 //! ```text
 //! isotherm-sources 1
@@ -75,8 +76,8 @@ impl FileStamp {
     }
 }
 
-/// Sources of one profile: everything that the loader read from files, environment and command line. The content is in
-/// `file`.
+/// Sources of one profile: everything that the loader read from files, environment and command line. The
+/// content of these files is in the field `file`.
 #[derive(Debug)]
 pub struct Sources {
     file: File,
@@ -143,12 +144,12 @@ impl Sources {
         self.failed.map_or(Ok((self.file, self.end)), Err)
     }
 
-    /// Environment variables that set keys of the profile.
+    /// Returns the environment variables that set keys of the profile.
     pub fn environment(&self) -> &[(String, String)] {
         &self.layers.environment
     }
 
-    /// Options `--set` of the command line that set keys of the profile.
+    /// Returns the options `--set` of the command line that set keys of the profile.
     pub fn settings(&self) -> &[(String, String)] {
         &self.layers.settings
     }

@@ -1,8 +1,12 @@
-//! Tables of a profile, one file each: the keys as written, the resolved form, the checks, and the preview of `isotherm
-//! check`.
+//! Tables of a profile, one file each: the keys as written (`Raw…` types), the resolved form, the checks, and
+//! the preview that `isotherm check` prints.
 //!
-//! A table with an error is `None` in the list of its kind, so that the indices of the other tables stay correct. If
-//! any table has an error, the check returns no profile.
+//! To resolve a table or a key means to check its values, and to convert them to the types that the gateway
+//! uses. Functions that resolve something report the errors that they find, and usually return `None` if
+//! there is an error.
+//!
+//! A table with an error is `None` in the list of its kind, so that the indices of the other tables stay
+//! correct. If any table has an error, the check returns no profile.
 
 use std::cell::RefCell;
 use std::collections::BTreeMap;

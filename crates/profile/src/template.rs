@@ -1,10 +1,12 @@
-//! Device templates: what is known about a type of device, as data. A profile takes from the template every key that it
-//! does not set itself.
+//! Device templates: data about a type of device, for example its registers and their scales. A profile takes
+//! from the template every key that the profile does not set itself.
 //!
-//! A template is a TOML file. It contains groups of channels with their registers, types, sentinels and status bits,
-//! targets for writing, checks before arming, and quirks. It also lists what has not been verified. The shipped
-//! templates are part of the program. A file `devices/NAME.toml` next to the profile replaces the shipped template of
-//! that name. Keys of the profile take precedence over those of the template.
+//! A template is a TOML file. Its groups contain channels to read, targets to write, and checks that a device
+//! must pass before an axis may write. A channel states its register, its type, its status bits, and the raw
+//! values that mean "no measurement". A template also contains quirks (settings for peculiar devices), and
+//! lists facts that have not been verified. The shipped templates are part of the program. A file
+//! `devices/NAME.toml` next to the profile replaces the shipped template of that name. Keys of the profile
+//! take precedence over those of the template.
 
 use serde_json::Value;
 
@@ -33,7 +35,7 @@ pub use shipped::names;
 pub(crate) use used::Templates;
 pub use used::{Template, Use};
 
-/// Adds the keys of templates to the merged layers of a profile.
+/// Adds the keys of templates to the merged layers of a profile. Returns the templates of the devices.
 pub(crate) fn fill(
     profile: &mut Value,
     (files, schemas): (&Files<'_>, &Schemas),

@@ -79,9 +79,9 @@ fn remove(directory: &Path, names: Vec<String>) -> anyhow::Result<Vec<PathBuf>> 
     Ok(files)
 }
 
-/// Returns the names of the backups to remove. `copies` backups of this machine are kept: `new` and the newest other
-/// backups. The alphabetical order of the names is the order of time. After the clock was set back, `new` may have the
-/// oldest name, and is kept in spite of this.
+/// Returns the names of the backups to remove. `copies` backups of this machine are kept: `new` and the
+/// newest other backups. The alphabetical order of the names is the order of time. If the computer's clock
+/// was set back, `new` may have the oldest name. This function keeps `new` even then.
 fn expired(names: Vec<String>, machine: &str, copies: usize, new: &str) -> Vec<String> {
     let mut old: Vec<String> =
         names.into_iter().filter(|name| name != new && is_backup(name, machine)).collect();

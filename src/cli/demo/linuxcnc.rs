@@ -21,7 +21,7 @@ pub(super) const MACHINE: &str = "linuxcnc-mill";
 /// Name of the bus in the profile at which the isotherm component of LinuxCNC listens.
 const BUS: &str = "control";
 
-/// Interval at which the virtual plant reads the offset from LinuxCNC.
+/// Interval at which the virtual plant (simulated machine) gets the offset that LinuxCNC applies.
 const LOOKS: Duration = Duration::from_millis(10);
 
 macro_rules! files {

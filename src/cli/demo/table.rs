@@ -148,8 +148,9 @@ impl Table {
     }
 }
 
-/// Returns the error, the acting Cz and the residual error. They are rounded to tenths of a micrometre so that the
-/// printed numbers add up exactly.
+/// Returns the error of an axis without Cz, the acting Cz, and the residual error, in µm. The values are
+/// rounded to tenths of a micrometre, so that the printed numbers add up exactly. All are `None` if the true
+/// error is not known.
 fn figures(truth: Option<TruthStatus>) -> [Option<f64>; 3] {
     let Some(truth) = truth else { return [None; 3] };
     let tenths = |value: f64| (value * 10.0).round();

@@ -19,7 +19,8 @@ use isotherm_identify::written::{Written, written};
 use isotherm_profile::edit::{ModelEdit, put_machine_on, put_model};
 use isotherm_profile::{NO_MACHINE_START, Profile, counted, environment, load_edited, safe_file};
 
-/// Largest number at the end of a model's file names. Numbers are tried until no file has the name.
+/// Upper limit, exclusive, of the number at the end of a model's file names. The numbers from 1 are tried
+/// until no file with such a name exists.
 const MOST_FILES: u32 = 10_000;
 
 /// Options for a model that goes into the profile.
@@ -30,7 +31,7 @@ pub(super) struct IntoProfileArguments {
     /// previous profile is kept as PROFILE.old
     #[arg(long, conflicts_with_all = ["json", "balls", "set"])]
     pub(super) into_profile: bool,
-    /// With --into-profile: puts the model in without a question
+    /// With --into-profile: changes the profile without a question
     #[arg(long, short, requires = "into_profile")]
     pub(super) yes: bool,
 }

@@ -6,7 +6,8 @@ use std::time::Duration;
 use isotherm_identify::Identified;
 use isotherm_profile::duration_text;
 
-/// Maximum number of terms that are printed. The block and the JSON document contain all terms.
+/// Maximum number of terms of the model that are printed. The block for the profile and the JSON document
+/// contain all terms.
 const MOST_TERMS: usize = 40;
 
 pub(super) fn render(out: &mut impl Write, found: &Identified, probe: Option<Duration>) -> io::Result<()> {
@@ -76,7 +77,8 @@ pub(super) fn render(out: &mut impl Write, found: &Identified, probe: Option<Dur
     lost(out, found)
 }
 
-/// Prints the result of each held-out run.
+/// Prints the residual error of each held-out run: a run that was used only to test a model from the other
+/// runs.
 fn held_out(out: &mut impl Write, found: &Identified) -> io::Result<()> {
     let width = found.runs.iter().map(|run| run.name.chars().count()).max().unwrap_or(0).max(4);
     writeln!(

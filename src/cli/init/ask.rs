@@ -153,7 +153,9 @@ impl Asking<'_, '_> {
         )
     }
 
-    /// Asks for the template of the module, its variant and its first register.
+    /// Asks for the template of the module, its variant and its first register. All three are `None` for a
+    /// module without a template. The variant or the first register is `None` if the template does not need
+    /// it.
     fn module(
         &mut self,
         known: &[Outline],

@@ -78,8 +78,8 @@ pub(super) fn extent() -> (usize, Duration) {
     (count, (TIMEOUT * 2).saturating_mul(requests))
 }
 
-/// Tries every setting on this port until the unit answers. `usual` states the frame format. The function writes to no
-/// register.
+/// Tries every setting on this port until the unit answers, and returns this setting. `None` if the unit
+/// answers with none of the settings. `usual` states the frame format. The function writes to no register.
 pub(super) fn find(port: &str, usual: SerialSettings, unit: u8) -> Result<Option<SerialSettings>, String> {
     let runtime = crate::cli::runtime::start().map_err(|error| error.to_string())?;
     for baud in BAUDS {

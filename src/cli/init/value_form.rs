@@ -79,7 +79,8 @@ pub(super) fn scale(text: &str) -> Result<f64, String> {
     scale.ok_or_else(|| "write a number other than 0, such as 0.1 or -0.1".to_owned())
 }
 
-/// Parses a scale, or the register of the device with its power of ten. `first`: first register of the value.
+/// Parses a scale, or the register of the device with the power of ten of the scale. With a register, the
+/// returned scale is 1. `first`: first register of the value, which cannot contain the scale.
 pub(super) fn scale_or_register(text: &str, first: Option<Cell>) -> Result<(f64, Option<Cell>), String> {
     // A number of five digits is a register in Modicon notation. No scale is so large.
     let digits = text.split('.').next().unwrap_or_default();

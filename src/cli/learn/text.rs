@@ -1,4 +1,4 @@
-//! Result of the learning of one axis as text for the terminal.
+//! Result of `isotherm learn` for one axis, as text for the terminal.
 
 use super::result::AxisResult;
 use crate::cli::print::say;

@@ -54,9 +54,10 @@ pub(super) fn study(
 /// Node set that is fixed by default, without the option `--fixed` and without supports in the FE input files.
 const BASE: &str = "BASE";
 
-/// Returns the fixed nodes, and a remark that names their source: the set `option`, or the supports of the FE input
-/// files. `stated` contains the files with supports, which must all be the same. Without supports, the set `BASE` is
-/// fixed.
+/// Returns the fixed nodes, and a remark that names their source: the node set `option`, or the supports of
+/// the FE input files. `stated` contains the FE input files with supports. Without `option`, all these
+/// supports must be the same. Without `option` and supports, the node set `BASE` is fixed. Errors are added
+/// to `wrong`.
 fn fixed(
     mesh: &Mesh,
     option: Option<&str>,

@@ -106,9 +106,9 @@ impl Findings {
     }
 }
 
-/// Returns the stand-ins (calculated values for lost sensors) that supervise a sensor, with the index of their model.
-/// Stand-ins of the model in use are preferred. Otherwise, those of the first model that has stand-ins for the sensor
-/// are returned.
+/// Returns the stand-ins (calculated values for lost sensors) that supervise a sensor, with the index of
+/// their model. The model in use has priority over the other models, which follow in their order. `None` if
+/// no model has stand-ins that supervise the sensor.
 fn watching(models: &[Model], used: Option<usize>, signal: SignalId) -> Option<(usize, &StandIns)> {
     let others = (0..models.len()).filter(|place| Some(*place) != used);
     let places = used.into_iter().chain(others);
@@ -116,7 +116,7 @@ fn watching(models: &[Model], used: Option<usize>, signal: SignalId) -> Option<(
     all.find(|(_, stand_ins)| stand_ins.watched().any(|(watched, _)| watched == signal))
 }
 
-/// Returns the signals from which the stand-in of a sensor is calculated, each once.
+/// Returns the signals from which the stand-in of a sensor is calculated, without duplicates.
 fn predictors(stand_ins: &StandIns, signal: SignalId) -> Vec<SignalId> {
     let mut all = Vec::new();
     for id in stand_ins.predictors(signal) {

@@ -53,7 +53,7 @@ pub(super) fn beside(log: &Path) -> anyhow::Result<Option<OutputsSummary>> {
     }
 }
 
-/// Replays a log of outputs, and returns the results. Messages call the log `name`.
+/// Replays a log of outputs, and returns the results. `name` is the name of the log in messages.
 ///
 /// # Errors
 /// The reason why the log cannot be read, with the position in it.

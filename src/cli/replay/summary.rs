@@ -116,8 +116,8 @@ pub(super) struct Tally {
     /// First axis and model whose file of stand-ins (calculated values for lost sensors) has changed since the log was
     /// written. `None` if no file has changed.
     other_stand_ins: Option<(String, String)>,
-    /// First axis whose learned model was learned when the profile had other models for this axis, with the name of the
-    /// learned model. `None` if there is no such axis.
+    /// First axis with a learned model that is not used, and the name of this model. The axis had other
+    /// models in the profile when the model was learned. `None` if there is no such axis.
     superseded: Option<(String, String)>,
     axes: Vec<AxisTally>,
 }

@@ -133,8 +133,8 @@ fn profile_lines(found: &[&(LineAddress, Responder)], known: Option<(&Profile, B
     if text.is_empty() { text } else { format!("\n# for a profile:\n{text}") }
 }
 
-/// Describes a fault which shows that something is connected to a line. A remedy that was not printed yet follows below
-/// it.
+/// Describes a fault which shows that something is connected to a line. A remedy that was not printed yet
+/// follows on the next line.
 pub(super) fn noticed((line, fault): &(LineAddress, Fault), hints: &mut Hints) -> String {
     let Explained { cause, hint } = explain_on(line.transport, *fault);
     let said = format!("{line}: {cause}\n") + &hints.line(UNDER, hint.as_deref());

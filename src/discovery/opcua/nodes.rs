@@ -9,7 +9,7 @@ use crate::fieldbus::kinds::opcua::client::browse::{Browser, Described, Value};
 use isotherm_core::codec::{Address, Node, number_in};
 use isotherm_profile::{Bit, Bus, BusId, Profile, Transport};
 
-/// Name that OPC UA gives to the type of texts.
+/// Name of the OPC UA data type for text.
 const TEXT: &str = "String";
 
 /// Node of the profile as its server describes it.
@@ -17,12 +17,14 @@ const TEXT: &str = "String";
 pub struct Inspected {
     /// Name of the bus in the profile.
     pub bus: String,
-    /// Use of the node in the profile: `signal bed`, `output cnc_z`.
+    /// Use of the node in the profile: `signal bed`, `output cnc_z`. If the server did not answer:
+    /// `bus cell`.
     pub of: String,
     /// Description by the server; `None` if the server did not answer.
     #[serde(flatten)]
     pub found: Option<Described>,
-    /// Advice on each contradiction between the server and the profile; empty if both agree.
+    /// Advice on each contradiction between the server and the profile; empty if both agree. If the server
+    /// did not answer, the advice explains this fault.
     pub advice: Vec<String>,
 }
 

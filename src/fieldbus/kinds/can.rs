@@ -5,7 +5,8 @@
 //!   them.
 //! - [`link`] — state that outlives a socket; [`image`] — frames that several values share.
 //! - [`wire`] — requests and writes on the interface, as on any other line.
-//! - [`canopen`] — CANopen master, without input or output: frames in and frames out.
+//! - [`canopen`] — CANopen master without a socket: it receives frames as arguments, and returns the frames
+//!   to send.
 
 pub mod canopen;
 pub mod error_frame;

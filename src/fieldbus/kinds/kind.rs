@@ -28,13 +28,13 @@ pub struct BusKind {
     pub dial: fn(&Bus) -> Option<Box<dyn Dial>>,
     /// Returns the remedy for a fault; `None` if the general remedy for all types of bus applies.
     pub hint: fn(Fault) -> Option<&'static str>,
-    /// Returns the advice on a failed request if details of the request allow better advice than the fault alone. This
-    /// advice replaces that of `hint`.
+    /// Returns advice that depends on the details of the failed request, and replaces the advice of `hint`;
+    /// `None` if there is no such advice.
     pub advice: fn(Seen) -> Option<Advice>,
     /// Returns the identification of the physical line, which shows that two addresses belong to the same line.
     pub place: fn(&Bus) -> LinePlace,
-    /// Whether answers may be missing although no device is faulty. Single answers may get lost on the line, or a lost
-    /// connection shows only by missing answers.
+    /// Whether answers may be missing although no device is faulty. Single answers may get lost on the line,
+    /// or missing answers are the only sign of a lost connection.
     pub is_lossy: bool,
     /// Whether the other end is an OPC UA server, whose namespaces identify its devices.
     pub has_namespaces: bool,

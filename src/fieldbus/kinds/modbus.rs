@@ -1,11 +1,11 @@
 //! Modbus TCP, also inside TLS, and Modbus RTU and ASCII on a serial port or through TCP.
 //!
-//! - [`tcp`] — frames of Modbus TCP; [`rtu`] — frames of a serial line. The private module `pdu` builds and checks the
-//!   content of both. [`ascii`] — a port whose frames of Modbus ASCII become frames of RTU.
-//! - [`pending_replies`] — late replies that a unit may still send after a timeout, and the requests that may be sent
-//!   meanwhile.
-//! - [`reply_signature`] — what distinguishes the answers to two requests; `order_check` — whether the answers of a
-//!   unit behind a gateway belong to their requests.
+//! - [`tcp`] — frames of Modbus TCP; [`rtu`] — frames of a serial line. The private module `pdu` builds and
+//!   checks the content of both. [`ascii`] — converts RTU frames to Modbus ASCII and back.
+//! - [`pending_replies`] — late replies that a unit may still send after a timeout, and the requests that may
+//!   be sent meanwhile.
+//! - [`reply_signature`] — features that distinguish the answers to two requests; `order_check` — whether the
+//!   answers of a unit behind a Modbus gateway belong to their requests.
 //! - [`text`] — detection of text of another protocol on the line.
 //! - [`wire`] — interface of a Modbus connection, in addition to that of every line.
 //! - `pipeline` — whether two requests are sent together, and when the line stops doing so.

@@ -1,9 +1,10 @@
-//! OPC UA server as a line.
+//! OPC UA server as a line, that is, a bus with its devices.
 //!
 //! - `client` — connections to a server; requires the feature `opcua`.
 //! - [`check`] — check of such a line in a profile; [`fault`] — faults of a connection.
 //! - [`namespaces`] — namespaces that a profile names by index.
-//! - `conversion` — numbers and node identifiers of the library, by feature.
+//! - `conversion` — conversion of numbers and node identifiers between the library and the profile; requires
+//!   the feature `opcua`.
 
 pub mod check;
 #[cfg(feature = "opcua")]

@@ -1,4 +1,5 @@
-//! Devices that send lines of text: readouts, gauges, and DCON modules. The gateway only reads from them.
+//! Devices that send lines of text: readouts, gauges, and DCON modules (ADAM and similar I/O modules). The
+//! gateway only reads from them.
 //!
 //! - [`lines`] — lines of text from the bytes of a port. `search` — the values in the lines of one answer.
 //! - [`pending`] — requests whose answers may still arrive.
@@ -6,8 +7,8 @@
 //!   opens the port.
 //! - `scan` — shows the text on a line, and searches for DCON modules.
 //!
-//! Some devices send without a request. Each read then discards what has arrived, and takes the next whole line. The
-//! value is therefore never older than the read.
+//! Some devices send without a request. Each read then discards the text that has arrived, and uses the next
+//! whole line. The value is therefore never older than the read.
 
 mod dial;
 pub mod lines;

@@ -1,8 +1,9 @@
 //! Detection of a server that closes each connection after one answer.
 //!
-//! An orderly close after each answer does not show another client, and the next connection needs no back-off. The line
-//! closes each connection to such a server itself, as with `quirks.close_after_each`. Otherwise it would send each
-//! request on a connection that is already closed. A write could then never follow a read on the same connection.
+//! An orderly close after each answer does not show another client, and the next connection needs no
+//! back-off. The line closes each connection to such a server itself, as with `quirks.close_after_each`.
+//! Otherwise the line would send each request on a connection that is already closed. A write that is only
+//! permitted on the connection of an earlier read (`SendDeadline::OnConnection`) would then always fail.
 
 use crate::fieldbus::wire::Ending;
 

@@ -43,8 +43,8 @@ impl DeviceLine {
         self.wire.as_mut().and_then(Connection::modbus).is_some_and(|modbus| modbus.has_come_back())
     }
 
-    /// Drops the connection. If a read was sent directly after another request and is unanswered, returns its unit, the
-    /// read, and its time of sending.
+    /// Drops the connection. If a read was sent directly after another request and is unanswered, returns its
+    /// unit, the read, and its time of sending. Otherwise returns `None`.
     pub(super) fn drop_connection(&mut self) -> Option<(u8, Request<'static>, Moment)> {
         let mut connection = self.wire.take()?;
         let (number, read, asked) = connection.modbus()?.unanswered_behind()?;
@@ -82,9 +82,9 @@ impl DeviceLine {
         is_contested
     }
 
-    /// Sends a read on a new connection, because a device loses the first request (`quirks.loses_first_request`). An
-    /// answer is not required. The read has the table of `request`. A write is never sent first, because its outcome
-    /// would be unknown.
+    /// Sends a read on a new connection, because a device loses the first request
+    /// (`quirks.loses_first_request`). The read has the address of `request`. An answer is not required. A
+    /// write is never sent first, because its outcome would be unknown.
     pub(super) async fn send_opening_read(
         &mut self,
         place: usize,

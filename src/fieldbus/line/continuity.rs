@@ -1,9 +1,11 @@
 //! Detection of devices that may have been exchanged or restarted (breaks of their continuity), see
 //! [`isotherm_core::continuity`].
 //!
-//! A device that is exchanged, or switched off and on, breaks its connections. A connection that was refused, or that
-//! did not end with an orderly close, is therefore evidence of a break. Some servers close each connection after its
-//! answer, or when it is idle. Such a close is no evidence of a break.
+//! A device that is exchanged, or switched off and on, breaks its connections. A connection that was refused,
+//! or that did not end with an orderly close, is therefore evidence of a break. Some servers close each
+//! connection after its answer, or when it is idle. Such a close is no evidence of a break.
+//!
+//! `place` is the index of a unit in the list of the line.
 
 use std::time::Duration;
 
@@ -16,8 +18,8 @@ use isotherm_core::quantity::Moment;
 /// Maximum time between two orderly closes of connections. Two closes within this time count as a habit of the server,
 /// and not as a broken contact.
 const HABIT: Duration = Duration::from_secs(3600);
-/// If a timeout ends the connection, and the device has not answered for this time, contact with the device counts as
-/// broken. At the usual polling periods, one lost answer causes a shorter silence.
+/// Time without an answer of the device, after which a timeout that ends the connection counts as a broken
+/// contact. At the usual polling periods, one lost answer causes a shorter silence.
 const SILENCE: Duration = Duration::from_secs(3);
 
 impl DeviceLine {

@@ -1,5 +1,8 @@
-//! Control questions: additional reads for a unit behind a Modbus gateway (from TCP to a serial line). The answers to
-//! these reads show whether the unit's answers belong to their requests. See [`crate::fieldbus::order_check`].
+//! Control questions: additional reads for a unit behind a Modbus gateway (from TCP to a serial line). The
+//! answers to these reads show whether the unit's answers belong to their requests. See
+//! [`order_check`](crate::fieldbus::kinds::modbus::order_check).
+//!
+//! `place` is the index of a unit in the list of the line.
 
 use super::DeviceLine;
 use crate::fieldbus::error::Fault;

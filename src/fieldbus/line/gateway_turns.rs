@@ -1,5 +1,7 @@
-//! Decision when a unit behind a Modbus gateway (from TCP to a serial line) may get a request, and waiting for the
-//! Modbus gateway. The module `modbus_gateway` describes why this is necessary.
+//! Decision when a unit behind a Modbus gateway (from TCP to a serial line) may get a request, and waiting
+//! for the Modbus gateway. The module `modbus_gateway` describes why this is necessary.
+//!
+//! `place` is the index of a unit in the list of the line.
 
 use std::time::Duration;
 
@@ -48,8 +50,9 @@ impl DeviceLine {
         first.breaker.allows(now).then_some(first.device)
     }
 
-    /// Returns the time until which a request to the device would be delayed, because the Modbus gateway still waits
-    /// for a silent unit. `None`: there is no delay, or the own timeout of the Modbus gateway is not known.
+    /// Returns the time until which a request to the device would be delayed, because the Modbus gateway
+    /// still waits for a silent unit. `None`: there is no delay, or the timeout of the Modbus gateway is not
+    /// known.
     pub fn occupied_until(&self, device: DeviceId, now: Moment) -> Option<Moment> {
         let until = self.gateway.occupied_until().filter(|until| *until > now)?;
         // Under a virtual clock, requests do not wait.
@@ -125,8 +128,8 @@ impl DeviceLine {
         }
     }
 
-    /// Returns the latest end of a wait for a Modbus gateway whose own timeout is not known. The request was sent at
-    /// `asked`. If possible, the wait ends before a reading becomes too old.
+    /// Returns the latest end of a wait for a Modbus gateway whose timeout is not known. The request was sent
+    /// at `asked`. If possible, the wait ends before a reading becomes too old.
     fn latest_wait(&self, asked: Moment) -> Moment {
         let usable = self.units.live().map(|unit| unit.read_since().after(unit.max_age));
         let latest = usable.min().map(|usable| usable.before(self.timeout));
@@ -227,8 +230,8 @@ impl DeviceLine {
         }
     }
 
-    /// Reports to the observer that the own timeout of the Modbus gateway is longer than the timeout of the line. The
-    /// report is repeated if the timeout of the Modbus gateway changes.
+    /// Reports to the observer that the timeout of the Modbus gateway is longer than the timeout of the line.
+    /// The report is repeated if the timeout of the Modbus gateway changes by more than a quarter.
     fn report_longer_timeout(&mut self) {
         if let (Some(own), Some(observer)) = (self.gateway.news(self.timeout), &self.observer) {
             observer.waits_for_gateway(own);

@@ -5,8 +5,10 @@
 //! the answer to the later request. After a missing answer, the line therefore sends no request of the same form to
 //! that unit while the late answer may arrive. A late answer then finds no open request.
 //!
-//! A Modbus gateway may also keep a late answer until it gets the next request. Waiting does not help against that: see
-//! `control.rs`.
+//! A Modbus gateway may also keep a late answer until it gets the next request. Waiting does not help against
+//! that: see `control.rs`.
+//!
+//! `place` is the index of a unit in the list of the line.
 
 use std::time::Duration;
 

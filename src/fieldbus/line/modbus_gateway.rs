@@ -8,15 +8,17 @@
 //! Modbus gateway:   waits for 1 ······································ exception 11 of 1 ── answer of 2
 //! ```
 //!
-//! The line therefore learns that timeout, and waits for its end before it sends a request to another unit. Some Modbus
-//! gateways send an exception at the end of their timeout, with the transaction number of the given up request. Others
-//! send nothing: the line then learns the timeout from the answer of the next unit.
+//! The line therefore learns the timeout of the Modbus gateway. The line sends a request to another unit only
+//! after this timeout has ended. Some Modbus gateways send an exception at the end of their timeout, with the
+//! transaction number of the given up request. Others send nothing: the line then learns the timeout from the
+//! answer of the next unit.
 //!
-//! Waiting also keeps requests apart: while the late answer of one unit may arrive, no request to another unit is open
-//! on the connection. A Modbus gateway that gives an answer the transaction number of the newest request then gives it
-//! the right one. If the late answer does not arrive, the line drops the connection instead of sending a request to
-//! another unit on it. Otherwise a Modbus gateway that keeps a late answer could send it as the answer to that request.
-//! If the Modbus gateway has refused another connection, the line keeps the present one.
+//! Waiting also keeps requests apart: while the late answer of one unit may arrive, no request to another
+//! unit is open on the connection. Some Modbus gateways send each answer with the transaction number of the
+//! newest request. While the line waits, the newest request is the unanswered request, so this number is
+//! correct. If the late answer does not arrive, the line drops the connection instead of sending a request to
+//! another unit on it. Otherwise a Modbus gateway that keeps a late answer could send it as the answer to
+//! that request. If the Modbus gateway has refused another connection, the line keeps the present one.
 //!
 //! This module decides only. `gateway_turns` sends, waits and reports.
 
@@ -27,8 +29,8 @@ use isotherm_core::quantity::Moment;
 
 /// Longest time for which the line waits for a Modbus gateway whose timeout is not known.
 pub(super) const LONGEST_WAIT: Duration = Duration::from_secs(5);
-/// Maximum time that the line accepts as the own timeout of a Modbus gateway. A longer time may have another cause, for
-/// example a stop of this computer.
+/// Longest observed time that the line accepts as the timeout of a Modbus gateway. A longer time may have
+/// another cause, for example a stop of this computer.
 const LONGEST_OWN: Duration = Duration::from_secs(10);
 /// Maximum time by which one request takes longer because the line waits for a Modbus gateway.
 pub const LONGEST_GATEWAY_WAIT: Duration = Duration::from_secs(16);
@@ -154,8 +156,9 @@ impl ModbusGateway {
         self.occupied.map(|silent| (silent.unit, silent.asked))
     }
 
-    /// Returns the own timeout of the Modbus gateway if it must be reported: it is longer than `timeout`, and differs
-    /// from the last reported value. Otherwise returns `None`.
+    /// Returns the timeout of the Modbus gateway if it must be reported, otherwise `None`. It must be
+    /// reported if it is longer than `timeout`, and differs from the last reported value by more than a
+    /// quarter.
     pub(super) fn news(&mut self, timeout: Duration) -> Option<Duration> {
         let is_news = |own: &Duration| self.reported.is_none_or(|last| own.abs_diff(last) > last / 4);
         let own = self.longer_timeout().filter(|own| *own > timeout).filter(is_news)?;
@@ -163,7 +166,7 @@ impl ModbusGateway {
         Some(own)
     }
 
-    /// Returns the observed own timeout of the Modbus gateway; `None` if the line has not observed it.
+    /// Returns the observed timeout of the Modbus gateway; `None` if the line has not observed it.
     fn longer_timeout(&self) -> Option<Duration> {
         match self.giving_up {
             GivingUp::WithException(own) | GivingUp::Silently(SilentTimeout::About(own)) => Some(own),
@@ -171,20 +174,21 @@ impl ModbusGateway {
         }
     }
 
-    /// Returns the time until which the Modbus gateway waits for the silent unit. `None` if it waits for no unit, or
-    /// its own timeout is not known.
+    /// Returns the time until which the line expects the Modbus gateway to wait for the silent unit. `None`
+    /// if the Modbus gateway waits for no unit, or its timeout is not known.
     pub(super) fn occupied_until(&self) -> Option<Moment> {
         let span = self.waiting_time()?;
         self.occupied.map(|silent| silent.asked.after(span))
     }
 
-    /// Returns how long the line waits for the Modbus gateway after a request to a silent unit. `None` if the own
+    /// Returns how long the line waits for the Modbus gateway after a request to a silent unit; `None` if the
     /// timeout of the Modbus gateway is not known.
     fn waiting_time(&self) -> Option<Duration> {
         self.own_timeout().map(|own| own + own / 8 + LATER)
     }
 
-    /// Returns the own timeout of the Modbus gateway, or an upper limit of this timeout; `None` if both are unknown.
+    /// Returns the timeout of the Modbus gateway, or an upper limit of this timeout; `None` if both are
+    /// unknown.
     fn own_timeout(&self) -> Option<Duration> {
         match self.giving_up {
             GivingUp::Silently(SilentTimeout::AtMost(most)) => Some(most),
@@ -316,12 +320,12 @@ impl ModbusGateway {
         matches!(self.proof, Proof::AwaitedSince(since) if now.since(since) < PROOF)
     }
 
-    /// Returns whether a dead unit gets a request. The last request to it was sent at `tried`. `live`: for each unit
-    /// that answers, the time of its readings and the age at which they are too old.
+    /// Returns whether a dead unit gets a request. The last request to it was sent at `tried`. `live`: for
+    /// each other unit that answers, the time of its readings and the age at which they are too old.
     ///
-    /// A dead unit gets a request only after another unit has answered, or after [`PROOF`]. Dead units get at most
-    /// 1/[`SHARE`] of the time, and no request if a reading would become too old meanwhile. The last two conditions end
-    /// after [`SELDOM`].
+    /// If no other unit answers, the result is true. Otherwise a dead unit gets a request only after another
+    /// unit has answered, or after [`PROOF`]. Dead units get at most 1/[`SHARE`] of the time, and no request
+    /// if a reading would become too old meanwhile. The last two conditions end after [`SELDOM`].
     pub(super) fn may_try_dead(
         &self,
         tried: Moment,

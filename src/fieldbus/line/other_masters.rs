@@ -73,8 +73,9 @@ impl OtherMasters {
         true
     }
 
-    /// Ends the detection of the other masters if none has sent a frame for [`AFTER`]. Returns the number of their
-    /// frames, and the time from the first frame to the last.
+    /// Ends the detection of the other masters if none has sent a frame for [`AFTER`]. Returns the number of
+    /// their frames, and the time from the first frame to the last. Returns `None` if the detection does not
+    /// end now.
     fn end(&mut self, now: Moment) -> Option<(u64, Duration)> {
         let OtherMasters::Noticed(ForeignTraffic { since, last, frames, .. }) = self else { return None };
         let ended = (now.since(*last) >= AFTER).then(|| (*frames, last.since(*since)))?;

@@ -17,10 +17,11 @@ impl DeviceLine {
         Some(pending.max(rests).unwrap_or_default().max(self.last_sample()))
     }
 
-    /// Returns whether the line repeats a request at once on a new connection. `answer` is the result with which the
-    /// old connection was lost. Some Modbus gateways close an idle connection, and no reading should fail because of
-    /// that. A write that may have been sent is not repeated, nor is a write that depends on a value read on the lost
-    /// connection.
+    /// Returns whether the line repeats a request at once on a new connection. Some Modbus gateways close an
+    /// idle connection, and this must not cause failed readings. `answer` is the result with which the old
+    /// connection was lost. `has_ids`: answers on the line have a transaction number. A write that may have
+    /// been sent is not repeated. A write that depends on a value read on the lost connection is not repeated
+    /// either.
     pub(super) fn is_repeated(
         request: Request<'_>,
         leave: SendDeadline,

@@ -1,16 +1,19 @@
 //! Effects of the result of a request on the connection and on the unit: whether the connection is kept, and how long
 //! the unit backs off.
 //!
-//! A timeout of a read over TCP leaves the connection open, because a new connection may not help. Some Modbus gateways
-//! accept one client, and do not accept the next one for seconds. The line drops the connection if:
+//! A timeout of a read over TCP leaves the connection open, because a new connection may not help. Some
+//! Modbus gateways accept one client, and do not accept the next one for seconds. The line drops the
+//! connection if:
 //!
 //! - the request was a write: the operating system may still hold its bytes;
-//! - the wire could not recognise the late answer: a part of a frame was sent or received, or a second request is
-//!   unanswered;
-//! - the answer may have belonged to an earlier attempt;
+//! - the wire could not recognise the late answer: a part of a frame was sent or received, or a second
+//!   request is unanswered;
+//! - the answer to a repeated request arrived so late that it may belong to the first attempt;
 //! - a Modbus gateway has answered a request with the answer to an earlier request before;
-//! - more answers in a row are missing than the line has devices, and at least two: the other end may have lost the
-//!   connection.
+//! - at least two answers in a row are missing, and more than the line has devices: the other end may have
+//!   lost the connection.
+//!
+//! `place` is the index of a unit in the list of the line.
 
 use std::time::Duration;
 

@@ -16,8 +16,8 @@ use isotherm_profile::{Device, DeviceId, Functions, Quirks, Transport};
 /// Shortest pause after a missing answer of a unit without reliable transaction numbers. A multiple of a very short
 /// timeout would be too short, because a late answer may take longer.
 const SHORTEST_REST: Duration = Duration::from_millis(750);
-/// The pause of a unit does not grow while at most this number of requests in a row are unanswered. This applies to
-/// units that have answered before, on lines without reliable transaction numbers.
+/// Maximum number of consecutive requests without an answer for which the pause of a unit does not grow. This
+/// applies to units that have answered in time before, on lines without reliable transaction numbers.
 const PATIENT: u32 = 3;
 /// Number of consecutive requests without an answer, after which a unit counts as dead.
 const DEAD: u32 = 2;
@@ -200,9 +200,10 @@ impl Units {
         }
     }
 
-    /// Stops requests to the unit of this device, under all its device names, while a late answer may still arrive. The
-    /// pause of the device also doubles if the unit has never answered promptly, or has not answered more than
-    /// [`PATIENT`] requests in a row.
+    /// Stops requests to the unit of this device while a late answer may still arrive, also for other devices
+    /// with the same unit number. The pause of the device also doubles, with one exception. The pause stays
+    /// the same after 1 to [`PATIENT`] missing answers in a row, if the unit has answered in time since its
+    /// last late answer.
     pub(super) fn back_off(&mut self, place: usize, fault: Fault, now: Moment, spans: Spans) {
         let quiet = now.after((spans.timeout + spans.grace).max(spans.timeout + SHORTEST_REST));
         let number = self.all[place].number;

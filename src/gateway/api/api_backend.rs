@@ -106,8 +106,8 @@ impl GatewayApi for ApiBackend {
 }
 
 impl PageHandle {
-    /// Passes all events since `since` to `found`: first the events on disk, then the events that are not yet on
-    /// disk.
+    /// Passes all events since `since` to `found`: first the events on disk, then the events that are not yet
+    /// on disk. Stops when `found` returns `false`. Returns an error if the stored events cannot be read.
     fn events(&self, since: Moment, found: &mut dyn FnMut(FileItem) -> bool) -> std::io::Result<()> {
         let journal = &self.shared.journal;
         let is_since = |entry: &Entry| time::parse(&entry.at).is_ok_and(|at| at >= since);

@@ -347,8 +347,10 @@ impl CommandHandle {
         answer.map(Answer::Done).map_err(|why| why.to_string())
     }
 
-    /// Confirms that the operator has checked a device whose signals have jumped. The gateway then accepts the next
-    /// values of these signals. The device must still hold the settings that `verify` in the profile requires.
+    /// Confirms that the operator has checked a device whose signals have jumped. The gateway then accepts
+    /// the next values of these signals. The device must still hold the settings that `verify` in the profile
+    /// requires. Exception: an OPC UA server may have lost namespaces that the profile names by index. The
+    /// gateway then accepts the present namespaces at these indices.
     pub(in crate::gateway) fn confirm(&self, device: &str, requester: &Requester) -> Result<Answer, String> {
         let profile = &*self.0.profile;
         let place = profile.devices.iter().position(|known| known.name == device);

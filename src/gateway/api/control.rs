@@ -16,11 +16,12 @@
 //! `arm` → `ok z: armed`, `error …`, or after 3 s `waits z: waiting to arm: …`. With `stay`, more lines follow:
 //! `waits` for each new reason, `still` once a second, and finally `ok` or `error`.
 //!
-//! `sign axis=z stay` moves Cz a little in the plus direction, as soon as the axis is ready. The answers are
-//! `waits …`, and `ok` when the output has this Cz (compensation value), so that the operator may read the gauge. The
-//! connection stays open until the check is over; if the client closes it, the check ends. `sign-plus`, `sign-minus`
-//! and `sign-none`, on another connection, report in which direction the gauge moved. The answer contains the
-//! direction in which the gauge must move. Cz then returns to the value of the model.
+//! `sign axis=z stay` moves Cz (the compensation value) by a small amount in the plus direction, as soon as
+//! the axis is ready. The answers are `waits …`, and `ok` when the output has this Cz, so that the operator
+//! may read the gauge. The connection stays open until the check is over; if the client closes it, the check
+//! ends. `sign-plus`, `sign-minus` and `sign-none`, on another connection, report in which direction the
+//! gauge moved. The answer contains the direction in which the gauge must move. Cz then returns to the value
+//! of the model.
 //!
 //! `adopt axis=z` adopts the learned model of an axis, and `adopt-back axis=z` returns to the previous model.
 //!
@@ -153,7 +154,7 @@ pub fn open(path: &Path) -> std::io::Result<std::os::unix::net::UnixListener> {
     Ok(listener)
 }
 
-/// Handles and limits that all connections of the command socket share.
+/// Context that all connections of the command socket share: handles of the gateway, and limits.
 #[derive(Clone)]
 struct ControlContext {
     source: Arc<dyn GatewayApi>,

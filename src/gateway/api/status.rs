@@ -155,8 +155,8 @@ pub(super) fn status(shared: &Shared) -> Status {
     status
 }
 
-/// Returns the names of the alarms that are listed as active although their cause is over, according to the status.
-/// Events do not report the end of these alarms.
+/// Returns the names of alarms that may still be listed as active, although the status shows that their cause
+/// is over. No event reports the end of these alarms.
 fn ended(status: &Status) -> HashSet<String> {
     let calm = status.axes.iter().filter(|axis| !axis.warned);
     let good = status.signals.iter().filter(|signal| signal.quality == "good");

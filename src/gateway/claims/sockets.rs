@@ -14,7 +14,7 @@ use socket2::{Domain, SockAddr, Socket, Type};
 
 use super::Claim;
 
-/// Prefix of all socket names. Its number changes with the format of a claim.
+/// Prefix of all socket names. The number in the prefix changes when the format of a claim changes.
 const PREFIX: &str = "isotherm/1/";
 /// Text in place of the hashes, if the socket name is too short for all of them.
 const MANY: &str = "*";

@@ -107,9 +107,10 @@ impl RecoveredState {
     }
 
     /// Adds the released registers to the profile, with their entries in the register ledger. An operator has
-    /// requested that these registers return to their base values. A register is not added in a dry run, while the
-    /// saved state is in question, or while another gateway writes to the register. If an earlier run began a
-    /// release, the gateway does not repeat it, but reports the former register again.
+    /// requested that these registers return to their base values. A register is not added in a dry run,
+    /// while the saved state is in question (an operator must accept it), or while another gateway writes to
+    /// the register. If an earlier run began a release, the gateway does not repeat the release. It reports
+    /// the former register again.
     pub(in crate::gateway) fn extend(&mut self, profile: &mut Profile, options: &Options) -> Releases {
         let RecoveredState { places, opened, is_lost, .. } = self;
         let releases = std::mem::take(&mut places.releases);

@@ -60,8 +60,10 @@ pub(in crate::gateway) fn end_registers(shared: &Shared) {
     }
 }
 
-/// Requests the bus lines to reset strobe signals and control words before the end. A strobe signal is reset if it is
-/// set, a control word if it reports an armed axis. Returns `true` while such a signal or control word exists.
+/// Requests the bus lines to reset the signals of output sets before the end: each strobe signal (request to
+/// the control to accept values) that is set, and each control word that reports an armed axis. The control
+/// words are reset only if the axes run their fault actions. Returns `true` while such a signal or control
+/// word exists.
 pub(in crate::gateway) fn leave(shared: &Shared) -> bool {
     let mut core = shared.core();
     // If the registers keep their values, the control continues with them.

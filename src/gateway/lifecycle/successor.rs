@@ -164,15 +164,17 @@ impl Program {
         Ok(Checked { image, prepared: Prepared::with(profile.as_ref()).map_err(no_memory)? })
     }
 
-    /// Replaces the running program by the one at the path. Standard input is the handover (profile and state in
-    /// memory that cannot be changed). Returns only if the new program cannot be started; the text is a sentence.
+    /// Replaces the running program by the program at the path of `self`. The new program receives the
+    /// handover (profile and state in memory that cannot be changed) as standard input. Returns only if the
+    /// new program cannot be started. The returned text is a sentence with the reason.
     pub fn start(&self, handover: Option<&File>) -> String {
         let error = self.exec(&self.path, handover);
         format!("{} cannot be started: {}", self.path.display(), system(&error))
     }
 
-    /// Starts the file of the running program again, even if another file is at its path. Standard input is the
-    /// handover (profile and state in memory that cannot be changed). Returns only if the start fails.
+    /// Starts the file of the running program again, even if another file is at its path. The program
+    /// receives the handover (profile and state in memory that cannot be changed) as standard input. Returns
+    /// only if the start fails.
     pub fn start_own_image(&self, handover: Option<&File>) -> std::io::Error {
         self.exec(Path::new(OWN_IMAGE), handover)
     }

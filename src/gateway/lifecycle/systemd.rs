@@ -1,5 +1,5 @@
-//! Notifications to the service manager (systemd): that the gateway is ready, what it does, and how long it may still
-//! take. Without a service manager, nothing is sent.
+//! Notifications to the service manager (systemd): the readiness of the gateway, its status text, and the
+//! maximum remaining time of a stop. Without a service manager, nothing is sent.
 
 use std::collections::BTreeMap;
 use std::ffi::OsStr;

@@ -109,8 +109,8 @@ fn late_line(shared: &Shared, lines: &mut [LineObservation], stuck: &mut Duratio
     None
 }
 
-/// Returns an upper limit for the duration of one cycle of a bus line. It assumes that every request opens a
-/// connection and times out, and contains all pauses.
+/// Returns an upper limit for the duration of one cycle of a bus line. The limit includes all pauses, and is
+/// valid even if every request opens a connection and times out.
 fn limit(profile: &Profile, bus: BusId) -> Duration {
     let devices = profile.devices_on(bus).map(|(_, device)| device);
     let pauses = devices

@@ -1,4 +1,5 @@
-//! Receiving side of a CAN line (bus): one task receives every frame, and stores the values in the table of signals.
+//! Reception on a CAN line (bus): one task receives every frame, and stores the values in the table of
+//! signals.
 //!
 //! ```text
 //! frames ─► routes ─► signal table; wakes the line that corrects a position
@@ -34,7 +35,8 @@ pub(in crate::gateway) struct Can {
 /// Reports about devices that the line task and the listener have not exchanged yet.
 #[derive(Debug, Default)]
 struct PendingNodeReports {
-    /// Devices whose setup list (objects to write when the node starts) has been written.
+    /// Devices whose setup list (objects to write before the node starts) has been written, and whose checks
+    /// have been read.
     set_up: Vec<DeviceId>,
     /// Devices whose back-off (waiting time after failures) must end now. `None` means all devices of the line.
     revived: Vec<Option<DeviceId>>,
@@ -50,8 +52,8 @@ impl Can {
         self.wakeup.wake();
     }
 
-    /// Takes the list of devices whose back-off (waiting time after failures) must end now. `None` means all devices
-    /// of the line.
+    /// Removes and returns the devices whose back-off (waiting time after failures) must end now. `None`
+    /// means all devices of the line.
     pub(super) fn revived(&self) -> Vec<Option<DeviceId>> {
         std::mem::take(&mut self.handed().revived)
     }

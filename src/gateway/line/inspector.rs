@@ -1,9 +1,9 @@
 //! Checks of the devices on one bus line. A check compares a register with the value that `verify` in the profile
 //! requires. CANopen nodes are also set up here, before each of their starts.
 //!
-//! The gateway reads the checks of a device before it arms an axis that needs the device. It reads them again after
-//! each break of the continuity: an event after which another device or other settings are possible. While a check
-//! does not pass, the gateway reads the checks every few seconds.
+//! The gateway reads the checks of a device before it arms an axis that needs the device. After each break of
+//! the continuity, it reads the checks again. A break is an event after which another device or other
+//! settings are possible. While a check does not pass, the gateway reads the checks every few seconds.
 //!
 //! While the device is confirmed (all checks have passed), each check is read once in its period. This detects
 //! settings that are changed at the device. For example, a module that is changed from tenths of a degree to whole
@@ -368,8 +368,9 @@ impl Inspection {
         CheckRound::Known(breaks, differences)
     }
 
-    /// Counts an attempt without a value. Returns true if the device answers its polls, but repeatedly does not
-    /// answer the request for this register. Some devices are silent or report "busy" if they do not have a register.
+    /// Counts an attempt to read a check that gave no value. Returns true if the device seems not to have the
+    /// register: it gave no value several times, although it answers its polls, or it refused the request
+    /// several times. Some devices are silent or report "busy" if they do not have a register.
     fn is_in_vain(&mut self, fault: Fault, shared: &LineHandle) -> bool {
         let (attempts, last) = self.missed;
         let delivers = shared.core().devices.of(self.device).delivered_at() > last;

@@ -363,9 +363,9 @@ impl LineTask {
         self.polls.iter().min_by_key(|poll| poll.due())?.asks_next(by)
     }
 
-    /// Returns whether the axes may be stepped (calculated). This happens at the end of a round of reads, because an
-    /// axis that is due waits for its inputs. The axis does not wait for a slow device, or for a device that is due
-    /// again directly after its last read.
+    /// Returns whether the axes may be stepped (calculated) now. An axis that is due waits for its inputs
+    /// until the end of a round of reads. The axis does not wait for a slow device, or for a device that is
+    /// due again directly after its last read.
     fn may_step(&self, now: Moment) -> bool {
         // Reads that must wait for the Modbus gateway do not delay the axes.
         let is_outstanding = |by: Moment| {
@@ -390,8 +390,8 @@ impl LineTask {
         pressing.map(|(place, poll)| (!poll.reads_position, poll.due(), place)).min().map(|(.., place)| place)
     }
 
-    /// Returns three facts for each device: the earliest time of its next read, whether another device must be read
-    /// first, and its index.
+    /// Returns a tuple for each device: the earliest time of its next read, whether another device must be
+    /// read first, and the index of the device in `polls`.
     fn reads_due(&self, now: Moment) -> impl Iterator<Item = (Moment, bool, usize)> {
         let may_begin = move |poll: &Poll| {
             let occupied_until = self.line.occupied_until(poll.device, now);
@@ -422,8 +422,9 @@ impl LineTask {
         polls.chain(jobs).chain(heartbeat_task).chain(self.step_due).min().unwrap_or(Moment::END)
     }
 
-    /// Counts a sleep that ended later than planned by `late`, and the rounds of reads that were late before the
-    /// sleep. Also takes over the due time of the axes, because another line may have stepped them during the sleep.
+    /// Records the jitter of a sleep, which ended `late` after its planned end. Counts the rounds of reads
+    /// that were late before the sleep. Also updates the due time of the axes, because another line may have
+    /// stepped the axes during the sleep.
     fn account(&mut self, late: Duration) {
         let Overruns { count: overruns, worst } = std::mem::take(&mut self.overruns);
         if let Some((late, device)) = worst {

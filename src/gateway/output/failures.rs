@@ -7,7 +7,7 @@ use isotherm_profile::counted;
 
 /// Number of consecutive unanswered writes after which the failure is reported, although the device answers reads.
 const DEAF: u64 = 3;
-/// Number of consecutive failures with another cause than the reported one, after which the new cause is reported.
+/// Number of consecutive failures with a new cause, after which this cause is reported.
 const CHANGED_AFTER: u32 = 20;
 
 /// Kind of request to the register of an output.
@@ -86,8 +86,8 @@ impl Failures {
         std::mem::take(&mut self.alarm) == Alarm::Raised
     }
 
-    /// Records whether the device answers other requests. If so, the device does not count as lost, and the output
-    /// itself reports its unanswered writes.
+    /// Records whether the device answers other requests. If it does, the device is not reported as lost. The
+    /// output then reports its unanswered writes itself.
     pub(super) fn device_answers(&mut self, answers: bool) {
         self.last_read = if answers { LastRead::Answered } else { LastRead::NotAnswered };
     }

@@ -38,8 +38,8 @@ pub(in crate::gateway) struct Position {
     controller: PositionController,
     failures: Failures,
     is_saturated: bool,
-    /// Conversion of registers to a value, as the control makes the conversion. The executor uses it to check each
-    /// value before the write.
+    /// Conversion by which the control gets a value from the registers. With this conversion, the executor
+    /// checks each value before the write.
     control: Option<ControlView>,
 }
 

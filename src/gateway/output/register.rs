@@ -29,8 +29,8 @@ use isotherm_core::output::{
 use isotherm_core::quantity::{Counts, Micron, Moment};
 use isotherm_profile::{Output, OutputId, Share, Writes};
 
-/// Multiple of `late` (time in which an unanswered write may still arrive). For this time, the gateway recognises the
-/// value of the write in the register.
+/// Factor for `late`, the time in which an unanswered write may still arrive. For `late` times this factor,
+/// the gateway recognises the value of the write in the register.
 const REMEMBERED: u32 = 10;
 /// Maximum time for saving the state of an output to disk. After this time, a fault of the disk is reported.
 const DISK_PATIENCE: Duration = Duration::from_secs(5);
@@ -194,8 +194,8 @@ impl OutputRegister {
         ));
     }
 
-    /// Handles a failed write. If the write was not sent because its latest time had passed, this does not count as a
-    /// failure.
+    /// Handles a failed write. A write that was not sent, because its deadline had passed, does not count as
+    /// a failure.
     pub(super) fn write_failed(
         &mut self,
         shared: &LineHandle,
@@ -359,8 +359,8 @@ impl OutputRegister {
         });
     }
 
-    /// Reports the value of the register after its first read. The report is made only if it is not certain whether
-    /// the output has written to this register before.
+    /// Reports the value of the present register after its first read, if the output had another register in
+    /// the previous run. Also updates the reason why the axis is off, if the changed register is this reason.
     fn note_place(&self, controller: &Controller, output: &Output, core: &mut GatewayState) {
         let shown = controller.state().shown(&self.settings);
         let Some(seen) = shown.verified.filter(|_| !shown.is_only_acknowledged) else { return };

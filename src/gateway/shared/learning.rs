@@ -9,7 +9,7 @@ use isotherm_core::compensation::{Change, Preferred, Unfit};
 use isotherm_core::explained::Explained;
 use isotherm_profile::Profile;
 
-/// Hint for a change of the model that does not fit the profile.
+/// Hint if a requested model does not fit the profile.
 const LEARN_AGAIN: &str = "run `isotherm learn` again";
 
 impl GatewayState {
@@ -42,7 +42,8 @@ impl GatewayState {
         }
     }
 
-    /// Adopts the candidate of an axis, because an operator has confirmed it. Returns a sentence for the operator.
+    /// Adopts the candidate of an axis, because an operator has confirmed the adoption. Returns a sentence
+    /// for the operator.
     ///
     /// # Errors
     /// Returns why the candidate is not adopted.

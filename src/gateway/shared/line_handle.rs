@@ -138,8 +138,9 @@ impl LineHandle {
         if self.head_lives(now) { Beat::Counts } else { Beat::Stands }
     }
 
-    /// Returns whether the axes were stepped (calculated) in time. If not, the count of the heartbeat no longer
-    /// increases, even if the bus lines work. While another program takes over, the axes need no steps.
+    /// Returns whether the axes were stepped (calculated) in time. If `false`, the count of the heartbeat no
+    /// longer increases, even if the bus lines work. While another program takes over, the axes need no
+    /// steps, and the result is `true`.
     fn head_lives(&self, now: Moment) -> bool {
         let (every, core) = (self.dependents.shortest_period, self.core());
         core.phase.stop() == Some(OnStop::Hold)
@@ -196,7 +197,9 @@ impl RequestObserver for LineHandle {
         self.core().events.push(Event::GatewayTimeout { bus, own, timeout });
     }
 
-    /// Reports that another master uses the bus line. The report is repeated when messages of a new form arrive.
+    /// Reports that another master uses the bus line, and marks the readings that may be answers to that
+    /// master as doubtful. The report is repeated when the other master gets answers of another form
+    /// (function and length).
     fn shares_line(&self, attribute: &dyn Fn(u8, Request<'_>) -> Attribution) {
         let mut ids = Vec::new();
         for (id, device) in self.profile.devices_on(self.bus) {

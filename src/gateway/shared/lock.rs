@@ -12,11 +12,13 @@ use isotherm_core::quantity::Moment;
 /// Upper bounds of the histogram's buckets, in µs.
 const BOUNDS_US: [u64; 8] = [2, 5, 10, 20, 50, 100, 500, 5000];
 
-/// Number of locks of which the gateway measures one. The two clock samples of a measurement cost more time than most
-/// locks. The number is prime, so that a repeated sequence of locks is measured at different places.
+/// Sampling interval of the measurement, in locks. The gateway measures only one lock in each interval,
+/// because the two clock samples of a measurement cost more time than most locks. The number is prime, so
+/// that each lock of a repeated sequence is measured at some time.
 const SAMPLED: u64 = 17;
 
-/// Histogram of the times for which the lock was held. Another task may have to wait for the lock for the same time.
+/// Histogram of the times for which the lock was held. Another task may have to wait equally long for the
+/// lock.
 #[derive(Clone, Copy, Debug, Default)]
 pub(in crate::gateway) struct LockTimes {
     taken: u64,

@@ -22,7 +22,7 @@ use isotherm_core::continuity::Break;
 use isotherm_core::quantity::Moment;
 use isotherm_profile::{BusId, Profile};
 
-/// Work that the tasks of the bus lines may do. The gateway limits this work before it ends.
+/// Work that the tasks of the bus lines may do. At the end of a run, the gateway limits this work.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(in crate::gateway) enum LineWork {
     /// All work: reads, steps (calculations) of the axes, and outputs.

@@ -252,8 +252,9 @@ fn begin_movement(
     }
 }
 
-/// Disarms an axis without a model when its Cz has returned to zero after a sign check. The axis does not count as
-/// switched off by an operator. If it later has a model, it is armed as the profile sets.
+/// Disarms an axis without a model when its Cz has returned to zero after a sign check. The axis does not
+/// count as switched off by an operator. If the axis later has a model, the key `arm` of the profile decides
+/// whether the gateway arms the axis.
 fn disarm_unmodelled(core: &mut GatewayState, axis: usize) {
     let (profile, _) = given(core);
     let arming = &core.arming[axis];

@@ -49,7 +49,7 @@ pub(in crate::gateway) struct GatewayState {
     pub(in crate::gateway) compensation: Compensation,
     pub(in crate::gateway) arming: DirtyVec<Arming>,
     pub(in crate::gateway) probing: DirtyVec<Probing>,
-    /// Candidate (proposed learned model) of each axis, and what was reported about the candidate.
+    /// Candidate (proposed learned model) of each axis, and the last reports about the candidate.
     pub(in crate::gateway) learning: Vec<AxisLearning>,
     pub(in crate::gateway) outputs: Outputs,
     /// Controller of the register of each output, as the line task has stored it. `None` for an output that writes a
@@ -237,8 +237,8 @@ impl GatewayState {
         true
     }
 
-    /// Records the outputs to which the gateway may write from now on. Returns whether one of them is new: the
-    /// gateway has only read its register before.
+    /// Records the outputs to which the gateway may write from now on. Returns whether one of these outputs
+    /// is new, which means that the gateway has only read its register before.
     fn notes_driven(&mut self) -> bool {
         let GatewayState { places, arming, outputs, given, .. } = self;
         let is_driven = |id: OutputId| {
@@ -511,8 +511,8 @@ impl GatewayState {
         writes.is_cz()
     }
 
-    /// Checks whether the probing cycle of an axis has a new result. Returns whether it has, even if the result is
-    /// refused.
+    /// Checks whether the probing cycle of an axis has a new result, and stores or refuses the result.
+    /// Returns whether there was a new result.
     pub(super) fn take_probing(&mut self, axis: AxisId, now: Moment) -> bool {
         let (profile, place) = (&*self.given.profile, axis.0);
         let axis = profile.axis(axis);

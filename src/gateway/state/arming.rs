@@ -154,8 +154,8 @@ impl Arming {
         !self.is_armed() && self.is_wanted(profile, axis)
     }
 
-    /// Returns what the axis is requested to do, for the display: be armed, follow the model, or check the sign. An
-    /// axis without a model is requested to do nothing, unless its sign is checked.
+    /// Returns the intent of the axis for the display: be armed, follow the model, or move for a sign check.
+    /// The result is [`Intent::Unmodelled`] for an axis without a model, unless its sign is checked.
     pub(in crate::gateway) fn intent(&self, profile: &Profile, axis: usize) -> Intent {
         match self.sign {
             None if !profile.axes[axis].has_model() => Intent::Unmodelled,

@@ -23,11 +23,11 @@ pub(in crate::gateway) struct Devices {
     of_axis: Members,
     /// Axes of each device: these axes read the device, or write to the device.
     axes_of: Members,
-    /// For each device: the axes whose models read the device, and the state of each axis before the last round of
-    /// checks that passed.
+    /// For each device: the axes whose models read the device, and the Cz and slope of each axis before the
+    /// last round of checks that passed.
     held: Vec<Vec<(usize, ReturnTo)>>,
-    /// For each device: the axes whose models read the device, and the state of each axis at the beginning of the
-    /// present round of checks.
+    /// For each device: the axes whose models read the device, and the Cz and slope of each axis at the
+    /// beginning of the present round of checks.
     held_in_round: Vec<Vec<(usize, ReturnTo)>>,
     /// For each device: the axes whose models read the device.
     read_by: Members,
@@ -105,7 +105,8 @@ impl Devices {
         })
     }
 
-    /// Begins a round of checks of a device. Records the present state of the axes that read the device.
+    /// Begins a round of checks of a device. Records the present Cz and slope of each armed axis whose models
+    /// read the device. An axis that a sign check moves is left out.
     pub(in crate::gateway) fn round_begins(
         &mut self,
         device: DeviceId,
@@ -137,7 +138,8 @@ impl Devices {
         of_device.append(in_round);
     }
 
-    /// Discards the recorded states of the axes that use this reference, because the reference is captured again.
+    /// Discards the recorded Cz and slope of the axes that use this reference, because the reference is
+    /// captured again.
     pub(in crate::gateway) fn forget_held(&mut self, profile: &Profile, reference: Reference) {
         let is_kept = |axis: usize| !profile.axis(AxisId(axis)).counts_from(reference);
         self.held
@@ -146,7 +148,7 @@ impl Devices {
             .for_each(|held| held.retain(|(axis, _)| is_kept(*axis)));
     }
 
-    /// Records the state of an axis at its arming, for each device that its models read.
+    /// Records the Cz and slope of an axis at its arming, for each device that its models read.
     pub(in crate::gateway) fn armed(&mut self, axis: usize, held: ReturnTo) {
         for device in self.of_axis.of(axis) {
             self.held_in_round[device].retain(|(known, _)| *known != axis);

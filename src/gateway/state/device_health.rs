@@ -21,10 +21,10 @@ use super::output_faults;
 
 /// Number of consecutive failures after which a device is reported as lost. A single lost answer is not reported.
 const REPORTED_AFTER: u64 = 2;
-/// Number of consecutive failures after which a device on a lossy bus (Modbus RTU) is reported as lost. Such a bus
-/// sometimes loses an answer, and the request is repeated at once. The number does not apply to TCP, which opens a
-/// new connection after the second missing answer. It also does not apply behind a Modbus gateway, where a device is
-/// asked too seldom.
+/// Number of consecutive failures after which a device on a lossy bus (Modbus RTU) is reported as lost. Such
+/// a bus sometimes loses an answer, and the request is repeated at once. On TCP, [`REPORTED_AFTER`] applies,
+/// because the gateway opens a new connection after the second missing answer. [`REPORTED_AFTER`] also
+/// applies behind a Modbus gateway, because a device there receives requests too seldom.
 const REPORTED_AFTER_LOSSES: u64 = 3;
 
 /// Time for which a lost device must answer before it is reported as returned. A device with repeated short losses is
@@ -100,8 +100,8 @@ pub(in crate::gateway) struct BusCount {
     pub(in crate::gateway) jitter: [u64; JITTER_MS.len() + 1],
 }
 
-/// Number of consecutive failures with another cause than the reported one, after which the new cause is reported.
-/// The first number is for attempts to connect, the second number for requests.
+/// Number of consecutive failures with a new cause, after which this cause is reported. The first number is
+/// for attempts to connect, the second number for requests.
 const CHANGED_AFTER_ATTEMPTS: u32 = 2;
 const CHANGED_AFTER_REQUESTS: u32 = 20;
 
@@ -120,9 +120,9 @@ impl DeviceHealth {
         }
     }
 
-    /// Counts late cycles of a bus line, and returns true if they must be reported. `late` contains their number and
-    /// the longest delay. Late cycles are not reported while a device of the line does not answer, because the line
-    /// then waits for it.
+    /// Counts late cycles of a bus line, and returns true if they must be reported. `late` contains their
+    /// number and the longest delay. Late cycles are not reported while a device of the line does not answer,
+    /// because the line then waits for this device.
     pub(in crate::gateway) fn overrun(&mut self, id: BusId, late: (u64, Duration), now: Moment) -> bool {
         let (count, longest) = late;
         let mut devices = self.profile.devices_on(id);
@@ -216,7 +216,7 @@ impl DeviceHealth {
         explain_on(self.profile.bus(self.profile.device(id).bus).transport, seen)
     }
 
-    /// Records the result of a request. Later messages use it for their advice. Returns the description of the
+    /// Records the result of a request, for the advice in later messages. Returns the description of the
     /// request if the request has failed.
     pub(in crate::gateway) fn record(
         &mut self,

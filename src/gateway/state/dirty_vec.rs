@@ -1,5 +1,5 @@
-//! Vector that records which of its items may have changed. Its user then updates only the data that depend on these
-//! items.
+//! Vector that records which of its items may have changed. The caller can then update only the data that
+//! depend on these items.
 
 use std::ops::{Index, IndexMut};
 

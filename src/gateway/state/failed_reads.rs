@@ -1,5 +1,5 @@
-//! Reads of a device whose last attempt failed. Advice in messages uses this information: it depends on the size of
-//! the failed read, and on whether the device answers other requests.
+//! Reads of a device whose last attempt failed. The advice in messages depends on the size of the failed
+//! read, and on whether the device answers other requests.
 
 use crate::fieldbus::error::Fault;
 use crate::fieldbus::seen::{Asked, Others, Seen};
@@ -168,7 +168,7 @@ mod tests {
         assert_eq!(others(planned.record(&mut failed, over_gap, closed)), Some(Others::Unknown));
     }
 
-    /// A device that is dead is usually asked for one read only.
+    /// The gateway usually repeats only one read at a device that no longer answers.
     #[test]
     fn a_device_that_answers_nothing_any_more_does_not_answer_others() {
         let (planned, _) = planned();

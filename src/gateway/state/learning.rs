@@ -14,7 +14,7 @@ use isotherm_profile::Profile;
 /// Hint for a candidate that does not fit the profile.
 const LEARN_AGAIN: &str = "run `isotherm learn` again";
 
-/// Candidate (proposed model) of one axis, and what was reported about it.
+/// Candidate (proposed model) of one axis, and the last reports about the candidate.
 #[derive(Clone, Debug, Default)]
 pub(in crate::gateway) struct AxisLearning {
     /// Last candidate that `isotherm learn` has written; `None` if no candidate exists.
@@ -102,8 +102,8 @@ impl AxisLearning {
         (is_news.then_some(gain), consequence)
     }
 
-    /// Returns the policy for the adoption of the candidate. If an operator has taken the model back before, only an
-    /// operator may adopt it again.
+    /// Returns the policy for the adoption of the candidate. If an operator has replaced this candidate by
+    /// the previous model, or withdrawn its adoption, only an operator may adopt the candidate again.
     pub(in crate::gateway) fn policy(&self, policy: Policy, preference: &Preference) -> Policy {
         match &self.offer {
             Some(offer) if preference.is_taken_back(&offer.name) => Policy::Propose,
@@ -157,7 +157,8 @@ fn is_current(offer: &Offer, preference: &Preference) -> bool {
     offer.own == preference.own() && offer.compared_with.as_deref() == preference.preferred().name()
 }
 
-/// Returns why a candidate is not adopted: it is not better than the model in use, or the two were not compared yet.
+/// Returns why a candidate is not adopted: the candidate is not better than the model in use, or the models
+/// were not compared yet.
 fn not_better(offer: &Offer) -> Explained {
     let cause = match offer.judgement.gain() {
         None => "the candidate has not been compared with the model in use yet".to_owned(),

@@ -116,7 +116,8 @@ impl Outputs {
         Display::of(state, intent, self.held(axis, device_health, dry_run))
     }
 
-    /// Returns what is known about the Cz that the control applies to an axis.
+    /// Returns how far the gateway knows the Cz that the control applies to an axis: zero, another value,
+    /// unknown, or unreachable because a device does not answer.
     fn held(&self, axis: usize, device_health: &DeviceHealth, dry_run: bool) -> KnownCz {
         if dry_run {
             return KnownCz::Unknown;

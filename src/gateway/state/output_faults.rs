@@ -30,8 +30,8 @@ pub(in crate::gateway) fn read_of(profile: &Profile, id: OutputId) -> Asked {
     }
 }
 
-/// Returns the function code of the write of an output, for the advice in messages. A set is written with as few
-/// requests as possible.
+/// Returns the function code of the write of an output, for the advice in messages. For an output set, this
+/// is the function code of its longest write request.
 pub(in crate::gateway) fn write_of(profile: &Profile, id: OutputId) -> Asked {
     let output = profile.output(id);
     let device = profile.device(output.device);

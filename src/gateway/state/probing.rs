@@ -55,8 +55,8 @@ impl MissReason {
 }
 
 impl Probing {
-    /// Checks whether a new result can be read. Returns `None` if there is no new result. `acting`: Cz that acts in
-    /// the machine now.
+    /// Checks whether a new result can be read. Returns `None` if there is no new result. An error is the
+    /// reason why a new result cannot be used. `acting`: Cz that acts in the machine now.
     pub(in crate::gateway) fn check(
         &mut self,
         profile: &Profile,
@@ -86,8 +86,8 @@ impl Probing {
     }
 }
 
-/// Returns the Cz (compensation value) that acts in the machine: the verified Cz of the first output, or zero if no
-/// output writes Cz. `None` if the Cz is not known.
+/// Returns the Cz (compensation value) that acts in the machine: the Cz in the first output that writes Cz or
+/// a position plus Cz. Zero if the axis has no such output. `None` if the Cz is not known.
 pub(in crate::gateway) fn acting(axis: usize, outputs: &Outputs, arming: &Arming) -> Option<Micron> {
     let written =
         outputs.of_axis(axis).find(|(output, _)| output.writes.is_cz() || !output.writes.is_scheduled());

@@ -59,8 +59,8 @@ const LIMIT_LASTS_AFTER: Duration = Duration::from_secs(5 * 60);
 const SHOWN_CONTRIBUTIONS: usize = 3;
 
 impl Levels {
-    /// Adds events about the limit of the axis after a decision. The axis has reached its limit, has been at the
-    /// limit for long, or is clearly within the limit again.
+    /// Adds events about the limit of the axis after a decision. An event reports that the axis has reached
+    /// its limit, has been at its limit for [`LIMIT_LASTS_AFTER`], or is clearly within its limit again.
     fn report_limit(
         &mut self,
         (profile, axis): (&Profile, &AxisSettings),
@@ -279,7 +279,8 @@ mod tests {
         assert_eq!(limited.at(1000, Some(1.5)), [""; 0]);
     }
 
-    /// A value that fluctuates at the limit, or is lost for a moment, does not begin the time again.
+    /// A value that fluctuates at the limit, or is missing for a moment, does not restart the time until the
+    /// alarm.
     #[test]
     fn only_a_value_clearly_within_the_limit_ends_the_time() {
         let mut limited = Limited::new();
@@ -295,7 +296,8 @@ mod tests {
         assert_eq!(limited.at(323, None), ["limit-over"]);
     }
 
-    /// A model without a value for months does not keep the alarm of an axis that is at zero.
+    /// The alarm of an axis ends when its fault action has reached zero, even if the model has no value for
+    /// months.
     #[test]
     fn a_fault_action_that_has_reached_zero_ends_the_alarm() {
         let mut limited = Limited::new();

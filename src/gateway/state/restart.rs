@@ -1,8 +1,9 @@
 //! Restarts of a control. A restart is detected when the boot counter of the control has changed, or when the machine
 //! was switched on again.
 //!
-//! After a restart, the registers may hold any value. The gateway counts the restarts for each output. The line task
-//! then reads the register again, and the axis continues from the value read. It stays armed.
+//! After a restart, the registers may hold any value. The gateway counts the restarts for each output. After
+//! a restart, the line task reads the register again. The axis stays armed, and continues from the value that
+//! was read.
 
 use std::sync::Arc;
 

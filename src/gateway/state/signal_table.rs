@@ -17,13 +17,13 @@ use serde::{Deserialize, Serialize};
 
 /// Number of consecutive steps with a new reason, after which the new reason of a bad signal is reported.
 const CHANGED_AFTER_STEPS: u32 = 2;
-/// Number of ambiguous values in a row that must agree before one is used. An ambiguous value may be the answer to a
-/// request of another master.
+/// Number of consecutive ambiguous values that must agree before the last of these values is used. An
+/// ambiguous value may be the answer to a request of another master.
 const AGREEING: u32 = 2;
-/// Number of ambiguous values in a row that must agree if a signal with `max_rate` has no recent good value. Values of
-/// the other master then agree with each other, and nothing shows that they are wrong. Only over many reads is it likely
-/// that values of the signal itself come between. After as many good values, the detection of another master keeps the
-/// last one.
+/// Number of consecutive ambiguous values that must agree, if a signal with `max_rate` has no recent good
+/// value. Answers to the other master also agree with each other, and no good value shows that they are
+/// wrong. During so many reads, a value of the signal itself is likely to interrupt the series. After as many
+/// good values, the last good value remains in use when another master is detected.
 pub(in crate::gateway) const MANY: u32 = 30;
 
 /// Table of all signals of the profile. Each list contains one item for each signal, in the order of the profile.
@@ -34,8 +34,9 @@ pub(in crate::gateway) struct SignalTable {
     rates: Vec<RateFilter>,
     /// Last value that the gateway read for each signal, before any check, with its time.
     read: Vec<Option<LastRead>>,
-    /// Number of good values of each signal, each at most `max_age` after the good one before. Rejected values between
-    /// them do not count.
+    /// Length of the present series of good values of each signal. A good value continues the series if it is
+    /// at most `max_age` later than the previous good value. Rejected values in between neither count nor end
+    /// the series.
     chains: Vec<u32>,
     /// State of each signal that is a counter; `None` for other signals.
     counters: Vec<Option<Box<CounterState>>>,
@@ -64,7 +65,8 @@ struct CounterState {
 struct LastRead {
     value: Result<f64, Reason>,
     at: Moment,
-    /// Number of values in a row, up to this one, each of which agrees with the one before.
+    /// Length of the series that ends with this value. In a series, each value agrees with the previous
+    /// value.
     agreeing: u32,
 }
 
@@ -148,9 +150,9 @@ impl SignalTable {
         }
     }
 
-    /// Starts the rate filters with the last good values of the previous run, by signal name. Some signals are left
-    /// out: those without a rate limit, and those of a device with checks. A scale in another register is not covered
-    /// by the checks, so such a signal is not left out.
+    /// Starts the rate filters with the last good values of the previous run, by signal name. Signals without
+    /// a rate limit are left out. Signals of a device with checks are left out, too, unless their scale is in
+    /// another register, because the checks do not cover such a scale.
     pub(in crate::gateway) fn recall(&mut self, values: &BTreeMap<String, LastGood>, start: Moment) {
         let profile = &self.latest.profile;
         for (place, signal) in profile.signals.iter().enumerate() {
@@ -264,11 +266,13 @@ impl SignalTable {
         }
     }
 
-    /// Stores a value that may be the answer to a request of another master. The value is used only if it agrees with
-    /// the value read before. With `max_rate` and no good value younger than `max_age`, [`MANY`] in a row must agree. Two
-    /// values agree if their difference is within the `max_rate` of the profile. Without `max_rate` in the profile they
-    /// must be equal, because the default is too wide to distinguish two masters. Otherwise, the last good value is used
-    /// until it is stale. Returns whether the value was used, or rejected for a reason of its own.
+    /// Stores a value that may be the answer to a request of another master. The value is used only if it
+    /// agrees with the previous value. If the profile sets `max_rate`, and no good value is younger than
+    /// `max_age`, [`MANY`] consecutive values must agree. Two values agree if their difference is within the
+    /// `max_rate` of the profile. Without `max_rate` in the profile, they must be equal, because the default
+    /// is too wide to distinguish two masters. Until enough values agree, the last good value is used, at
+    /// most until it is stale. Returns whether enough values agree. The value is then stored, but may still
+    /// be rejected, for example because it is out of range.
     pub(in crate::gateway) fn store_ambiguous(
         &mut self,
         id: SignalId,
@@ -309,9 +313,10 @@ impl SignalTable {
         self.rates[id.0].age_of_good(at).is_some_and(|age| age <= self.latest.rules[id.0].max_age)
     }
 
-    /// Marks the last reading as doubtful, because it may be the answer to a request of another master. This master
-    /// was detected after the reading. The reading is rejected, unless the `max_rate` of the profile has compared it
-    /// with many good values: a few may all be answers to the other master.
+    /// Marks the last reading as doubtful. Another master was detected after this reading, so the reading may
+    /// be the answer to a request of that master. The reading is rejected, unless the profile sets `max_rate`
+    /// and the reading ends a series of at least [`MANY`] good values. A shorter series may consist only of
+    /// answers to the other master.
     pub(in crate::gateway) fn doubt(&mut self, id: SignalId) {
         let has_rate = self.latest.profile.signal(id).max_rate.is_some();
         if !has_rate || self.chains[id.0] < MANY {

@@ -26,8 +26,8 @@ pub(in crate::gateway) struct Units {
     /// whose values are already counts.
     grain: Option<f64>,
     bias: Counts,
-    /// Conversion of the register to a value, as the control of the machine makes the conversion. `None` if the
-    /// output writes the reference position P0 (position at which a slope has no effect), because P0 is not a
+    /// Conversion by which the control of the machine gets a value from the register. `None` if the output
+    /// writes the reference position P0 (position at which a slope has no effect), because P0 is not a
     /// correction.
     control: Option<ControlView>,
 }
@@ -185,9 +185,9 @@ pub(in crate::gateway) fn target(decision: &Decision, writes: Writes) -> Micron 
     if writes == Writes::Slope { decision.slope_target } else { decision.target }
 }
 
-/// Returns whether `cz` equals `wanted`, to half a count of the size `grain`. The adjacent count also counts as equal
-/// if the sum of `wanted` and the operator offset `base` is zero. The gateway never writes such a sum of zero, but
-/// the adjacent count.
+/// Returns whether `cz` equals `wanted`, to half a count of the size `grain`. If `wanted` plus the operator
+/// offset `base` is zero, the adjacent count is also accepted, because the gateway writes the adjacent count
+/// in place of zero.
 pub(super) fn is_near(cz: Micron, wanted: Micron, grain: f64, base: f64) -> bool {
     let would_be_zero = base != 0.0 && (base + wanted.get()).abs() < 0.6 * grain;
     (cz - wanted).abs().get() <= if would_be_zero { 1.1 } else { 0.6 } * grain

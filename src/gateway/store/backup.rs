@@ -35,8 +35,8 @@ pub fn is_in(directory: &Path, machine: &str) -> bool {
     path(directory, machine).exists()
 }
 
-/// Converts the files of a backup to the files that are written to a state directory. The state in them is marked as
-/// in question.
+/// Converts the files of a backup to the files that are written to a state directory. In these files, the
+/// saved state is marked as in question.
 ///
 /// # Errors
 /// A file is not a state document of this machine, or the directory contains a newer document. The error is a

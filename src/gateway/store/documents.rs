@@ -6,31 +6,33 @@
 //! NAME.number      17 1795823557453364912 1c291ca3
 //! ```
 //!
-//! `state` contains the time since machine start, references and lags, by name of signal and axis. It also contains
-//! the addresses of signals and the registers of outputs (both are called places), the bounds of the outputs, and the
-//! releases of former registers. `outputs` contains the values that may still arrive at a register, and the two parts
-//! of each shared register's value: operator offset and gateway share. Layout 5 has no places. The seal of the
-//! document shows whether the file is complete, and whether it is an older copy. The seal has these fields:
+//! `state` contains the time since machine start, and the references and lags by name of signal and axis. It
+//! also contains the places (addresses of signals and registers of outputs), the bounds of the outputs, and
+//! the releases of former registers. `outputs` contains the values that may still arrive at a register. For a
+//! shared register, it also contains the two parts of the value: operator offset and gateway share. Documents
+//! of layout 5 contain no places. The seal of the document shows whether the file is complete, and whether it
+//! is an older copy. The seal has these fields:
 //!
-//! - `checksum`: CRC-32 of every byte of the file, with zeros in place of its own digits.
-//! - `since`: time at which the first document of this machine was made here. A document from another computer has
-//!   another time.
-//! - `number`: number of saves so far. `named`: the number in its own file when this document was saved, 0 if there was
-//!   none.
-//! - `in_question`: the files did not match, and no operator has armed an axis since.
+//! - `checksum`: CRC-32 of every byte of the file, with zeros in place of the digits of the checksum.
+//! - `since`: time at which the first document of this machine was made on this computer. A document from
+//!   another computer has another time.
+//! - `number`: number of saves so far. `named`: number in the file `NAME.number` when this document was
+//!   saved; 0 if the file did not exist.
+//! - `in_question`: the files did not match, and no operator has armed an axis since then.
 //!
 //! # How an older copy is detected
-//! The writer saves the document first, then the number. It saves the number with each state (every 8 s, and at the
-//! end), but not for each write to a register. Therefore a write to a register waits only for the document.
+//! The writer saves the document first, then the number. The number is saved with each state (every 8 s, and
+//! at the end of the run), but not with each change of `outputs`. Therefore a write to a register waits only
+//! for the document.
 //!
-//! | event | number in its file | result of the next start |
+//! | event | number in `NAME.number` | result of the next start |
 //! |---|---|---|
-//! | killed before the document was saved | that of the document | fits |
-//! | killed between the two | less, but not less than `named` | fits |
-//! | killed after both | that of the document | fits |
-//! | the document is an older copy | greater | does not fit |
-//! | the number is an older copy | less than `named` | does not fit |
-//! | one of them is missing or damaged | none | does not fit, unless `named` is 0 |
+//! | killed before the document was saved | number of the document | fits |
+//! | killed between the two saves | smaller, but at least `named` | fits |
+//! | killed after both saves | number of the document | fits |
+//! | the document is an older copy | greater than the number of the document | does not fit |
+//! | `NAME.number` is an older copy | smaller than `named` | does not fit |
+//! | one of the two files is missing or damaged | none | does not fit, unless `named` is 0 |
 //!
 //! If both files were replaced by an older pair, this program cannot detect the replacement.
 
@@ -62,7 +64,7 @@ pub(super) use file::StoreFile;
 pub(super) use names::{NamedMachine, by_name, by_place};
 pub(in crate::gateway) use writer::{SaveResult, Writer};
 
-/// Number of consecutive failures with another cause than the reported one, after which the new cause is reported.
+/// Number of consecutive failures with a new cause, after which this cause is reported.
 const CHANGED_AFTER: u32 = 2;
 
 /// Reported cause of a failed save; `None` while saving works.
@@ -206,7 +208,7 @@ fn find_documents(disk: &dyn Disk, directory: &Path, machine: &str) -> FoundDocu
     FoundDocuments { files: vec![(document, "")], layout: VERSION, seal, content }
 }
 
-/// Reads a file. Returns `None` if the file does not exist.
+/// Reads a file, and parses its content with `of`. Returns `None` if the file does not exist.
 fn read<T>(
     disk: &dyn Disk,
     path: &Path,
@@ -219,7 +221,8 @@ fn read<T>(
     }
 }
 
-/// Returns `first` if no file has this path. Otherwise, adds the first number to the path for which no file exists.
+/// Returns the path `first` if no such file exists. Otherwise, appends the smallest number with which no such
+/// file exists, from 2 on.
 fn free(disk: &dyn Disk, first: PathBuf) -> PathBuf {
     let numbered = |number: u32| match number {
         1 => first.clone(),

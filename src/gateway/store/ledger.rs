@@ -1,6 +1,7 @@
-//! Register ledger: the state of the outputs that must survive the process. It contains the operator offset and the
-//! gateway share of each shared register, and the values that may still arrive at a register. It also shows whether the
-//! last run ended without an exchange in progress. [`isotherm_core::output`] uses it.
+//! Register ledger: the state of the outputs that must survive the process. It contains the operator offset
+//! and the gateway share of each shared register, and the values that may still arrive at a register. It also
+//! shows whether the last run ended without an exchange in progress. [`isotherm_core::output`] uses the
+//! entries.
 //!
 //! The [store](super::documents) saves the register ledger. A caller that needs the entry on disk waits for the
 //! result.
@@ -31,8 +32,8 @@ pub(in crate::gateway) struct Ledger {
     /// Whether an earlier run cannot have written to a register. Either no earlier run has left a file, or the
     /// gateway saves nothing and its caller guarantees this.
     is_first: bool,
-    /// Whether no document on disk claims any longer that all writes of the last run have arrived. The claim is wrong
-    /// as soon as this run writes to a register.
+    /// Whether the files on disk no longer state that all writes have arrived at the registers. Such a
+    /// statement would be wrong as soon as this run writes to a register.
     is_unmarked: bool,
 }
 
@@ -70,9 +71,9 @@ impl Ledger {
         Ledger { profile, clock, writer: None, found: Entries::new(), is_first: true, is_unmarked: true }
     }
 
-    /// Opens the register ledger of a machine, and the writer of its document. A dry run does not change the entries
-    /// on disk. A dry run that is the first run saves that no write may still arrive at a register. `remembers`
-    /// returns whether an earlier run verified an offset in an output.
+    /// Opens the register ledger of a machine, and the writer of its document. A dry run does not change the
+    /// entries on disk. If the first run is a dry run, its entries state that no write can still arrive at a
+    /// register. `remembers` returns whether an earlier run verified an offset in an output.
     pub(in crate::gateway) fn open(
         profile: &Arc<Profile>,
         run: LedgerRun,
@@ -115,8 +116,9 @@ impl Ledger {
         self.found.get(&output.name).map(|entry| entry.kept.shifted(counted))
     }
 
-    /// Saves the entry of an output. `is_needed`: whether the next write requires the entry on disk. Another write
-    /// must wait only while a document on disk still claims that all writes of the last run have arrived.
+    /// Saves the entry of an output. `is_needed`: whether the next write requires the entry on disk. A write
+    /// that does not require the entry must wait only while the files on disk still state that all writes
+    /// have arrived. Returns whether and for which version the write must wait.
     pub(in crate::gateway) fn keep(
         &self,
         output: &Output,

@@ -64,10 +64,12 @@ pub(in crate::gateway) struct ReturningRegister {
     pub(in crate::gateway) axis: AxisId,
     pub(in crate::gateway) output: OutputId,
     pub(in crate::gateway) release: Release,
-    /// Half a count of the register, converted to µm of Cz.
+    /// Accepted difference of Cz, µm: half a count of an integer register, or one count of a floating-point
+    /// register.
     pub(in crate::gateway) grain_um: f64,
-    /// Axes that use the same output with its present register. They wait until the release has ended, because both
-    /// addresses may belong to the same register of the control.
+    /// Axes that may not be armed until the release has ended: axes of the output with the same name, and
+    /// axes that the changed register keeps off. The former and the present address may belong to the same
+    /// register of the control.
     pub(in crate::gateway) waits: Vec<AxisId>,
 }
 
@@ -477,7 +479,8 @@ fn add(profile: &mut Profile, release: &Release, way: FormerRegister) -> Option<
     Some(ReturningRegister { axis, output: id, release: release.clone(), grain_um, waits })
 }
 
-/// Returns `name` if it is not used yet. Otherwise, adds the first number for which the name is not used.
+/// Returns `name` if no item in `taken` has this name. Otherwise, appends the smallest number that makes the
+/// name unique.
 fn free(name: String, taken: &[&str]) -> String {
     let numbered = |number: u32| if number == 1 { name.clone() } else { format!("{name}_{number}") };
     // An endless series contains a free name.

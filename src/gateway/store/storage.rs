@@ -1,5 +1,5 @@
-//! Access to saved data: it passes log rows to a separate thread, and the state to its writer. Therefore a full or
-//! slow disk does not delay the bus lines.
+//! Access to saved data. The module passes log rows to a separate thread, and the state to the writer of the
+//! state document. Therefore a full or slow disk does not delay the bus lines.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -35,9 +35,9 @@ pub(in crate::gateway) use outputs::{CountedWrite, OutputTransition, TurnRecord}
 use stamps::{Stamped, Stamps};
 use thread::StorageThread;
 
-/// Minimum time between two regular saves of the state; a last save follows at the end. The logs are synchronised to
-/// disk at the same times. After a power cut, at most the last 10 s of the logs are missing. They are the sum of this
-/// time, one step, and the delay of a slow disk.
+/// Minimum time between two regular saves of the state; a last save follows at the end. The logs are
+/// synchronised to disk at the same times. After a power cut, at most the last 10 s of the logs are missing:
+/// the sum of this time, one step, and the delay of a slow disk.
 const REMEMBER_EVERY: Duration = Duration::from_secs(8);
 /// Maximum time for which the gateway waits at its end until all log rows are on disk.
 const LAST_PATIENCE: Duration = Duration::from_secs(5);
@@ -79,8 +79,8 @@ pub(in crate::gateway) struct Storage {
     writer: Option<Arc<Writer>>,
 }
 
-/// Returns a correction of the clock if the clock does not continue after `last`, the newest time stamp in state and
-/// logs. The present time is then earlier than `last`, or too much later. Otherwise returns `None`.
+/// Returns a correction of the clock if the present time is earlier than `last`, or more than
+/// [`Stop::LONGEST`] later. `last` is the newest time stamp in state and logs. Otherwise returns `None`.
 pub(in crate::gateway) fn clock_correction(now: Moment, last: Option<Moment>) -> Option<Correction> {
     let last = last.filter(|last| Stop::between(*last, now).by_the_clock.is_none());
     last.map(|from| Correction { from, to: now })
@@ -222,8 +222,9 @@ impl Storage {
         self.remembered = None;
     }
 
-    /// Returns whether the Cz of an output in the last saved state is close enough for the next write. It must be
-    /// equal to `written` (the present Cz), or differ from `decided` (the next Cz) by at most one step.
+    /// Returns whether the Cz of an output in the last saved state is close enough for the next write. The
+    /// saved Cz must be equal to `written` (the present Cz), or differ from `decided` (the next Cz) by at
+    /// most one step. Always `true` if nothing is saved.
     pub(in crate::gateway) fn is_within_a_step(
         &self,
         id: OutputId,

@@ -59,7 +59,8 @@ pub struct Change {
 pub(super) struct Alarms(BTreeMap<String, Alarm>);
 
 impl Alarms {
-    /// Raises and ends the alarms of an event, as the catalogue of the events defines.
+    /// Raises and ends the alarms of an event, as the event catalogue defines. Returns the alarms that were
+    /// raised or ended.
     pub(super) fn note(&mut self, kind: EventKind, entry: &Entry) -> Change {
         let raised = kind.raises().filter(|_| entry.level != Level::Info);
         let ends: &[&str] = if raised.is_some() { &[] } else { kind.ends() };

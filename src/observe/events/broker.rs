@@ -8,16 +8,16 @@ use isotherm_core::events::EventKind;
 use isotherm_core::explained::Explained;
 use isotherm_profile::counted;
 
-/// Change of the connection to the broker, or of the data that the gateway publishes there.
+/// Change of the connection to the broker, or of the data that the gateway publishes to the broker.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 #[serde(untagged)]
 pub enum Broker {
-    /// The connection is lost, or cannot be made. A later failure is reported only after the connection has worked in
-    /// between.
+    /// The connection is lost, or cannot be made. A further failure is reported only if its reason has
+    /// changed, or if the connection has worked since.
     Down {
         /// Scheme, host and port of the broker.
         broker: String,
-        /// Reason, with a hint if it has a remedy of its own.
+        /// Reason, with a hint if this reason has a specific remedy.
         why: Explained,
     },
     /// The connection to the broker works again.
@@ -41,8 +41,8 @@ pub enum Broker {
         /// Error message of the operating system.
         why: String,
     },
-    /// The broker refused a subscription. A later refusal is reported only after the broker has accepted the
-    /// subscription in between.
+    /// The broker refused a subscription. A further refusal is reported only if the broker has accepted the
+    /// subscription since.
     SubscriptionRefused {
         /// Scheme, host and port of the broker.
         broker: String,
@@ -56,12 +56,12 @@ pub enum Broker {
         /// Topic to which the gateway is subscribed now.
         topic: String,
     },
-    /// The broker closed the connection again and again after messages to one topic. Nothing is published to this topic
-    /// any more.
+    /// The broker closed several connections after messages to one topic. The gateway publishes nothing more
+    /// to this topic.
     PublishDenied {
         /// Scheme, host and port of the broker.
         broker: String,
-        /// Topic to which nothing is published any more.
+        /// Topic to which the gateway no longer publishes.
         topic: String,
     },
     /// The primary host is offline. Until it is online again, the gateway stores its data.

@@ -1,5 +1,5 @@
-//! Events about the certificates of an OPC UA bus, and of the OPC UA server of the gateway: before and after their
-//! validity.
+//! Events about certificates that are not valid yet, expire soon, or have expired. The certificates belong to
+//! an OPC UA bus, or to the OPC UA server of the gateway.
 
 use isotherm_core::quantity::Moment;
 use serde::Serialize;
@@ -34,7 +34,7 @@ pub struct EarlyCertificate {
     pub file: String,
     /// Owner of the certificate.
     pub whose: CertificateOwner,
-    /// Begin of the validity of the certificate.
+    /// Start of the validity of the certificate.
     #[serde(serialize_with = "in_text")]
     pub from: Moment,
 }
@@ -45,7 +45,7 @@ pub struct EarlyCertificate {
 pub enum CertificateOwner {
     /// Certificate of the gateway.
     Gateway,
-    /// Certificate of the user as which the gateway signs in to the server.
+    /// User certificate with which the gateway signs in to the server.
     User,
     /// Certificate of the server.
     Server,

@@ -25,7 +25,8 @@ pub enum Comparison {
         /// Root mean square of the error with the Cz of the model.
         #[serde(rename = "with_um")]
         with: Micron,
-        /// Whether Cz goes to zero until the model is no longer worse than no compensation.
+        /// Whether the gateway moves Cz to zero, and keeps it there while the model is worse than no
+        /// compensation.
         ramps: bool,
     },
     /// The model is no longer worse than no compensation.

@@ -10,7 +10,8 @@ use isotherm_profile::counted;
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 #[serde(untagged)]
 pub enum Delivery {
-    /// A message could not be delivered. Further failures are not reported until a message is delivered.
+    /// A message could not be delivered. A further failure is reported only if its reason has changed, or if
+    /// a message was delivered since.
     Failed {
         /// Name of the profile entry, for example `notify[0]`.
         notify: String,

@@ -33,12 +33,13 @@ pub(super) fn hint_with(kind: EventKind, fields: &[(&str, &str)]) -> String {
 }
 
 impl Sentence {
-    /// Marks the event as information, although other events of its kind report trouble.
+    /// Gives this event the level `Info`, although other events of the same kind report a fault.
     pub(super) fn well(self) -> Sentence {
         Sentence { is_well: true, ..self }
     }
 
-    /// Omits the hint of the catalogue, because the operator need not act, or because it does not fit the cause.
+    /// Omits the hint of the catalogue, because the operator need not act, or because the hint does not fit
+    /// the cause.
     pub(super) fn without_hint(self) -> Sentence {
         Sentence { takes_hint: false, ..self }
     }
@@ -58,7 +59,7 @@ impl Sentence {
     }
 }
 
-/// Description of an event, with everything that its text contains.
+/// Description of an event: kind, level, and the parts of the text.
 pub(super) struct EventDescription {
     pub(super) kind: EventKind,
     pub(super) level: Level,

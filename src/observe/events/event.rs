@@ -94,7 +94,8 @@ macro_rules! events {
 }
 
 events! {
-    /// Event of the gateway. Its fields use the names of the profile, and are its data for programs.
+    /// Event of the gateway. The fields use the names of the profile. For programs, the fields are the data
+    /// of the event.
     #[derive(Clone, Debug, PartialEq, Serialize)]
     #[serde(untagged)]
     #[allow(
@@ -119,8 +120,8 @@ events! {
             bus: String,
             address: String,
             fault: Explained,
-            /// Whether the power supply and the cable of the device are certainly not the cause. The hint of the
-            /// catalogue, which names them, is then omitted.
+            /// Whether the power supply and the cable of the device are certainly not the cause. The hint of
+            /// the catalogue names both, and is then omitted.
             #[serde(skip)]
             excludes_wiring: bool,
         } => {

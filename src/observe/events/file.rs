@@ -1,10 +1,10 @@
-//! Event files: one file `NAME-2026-01-31.events.jsonl` for each day, with one JSON document on each line. They are in
-//! the directory of the logs.
+//! Event files: one file `NAME-2026-01-31.events.jsonl` for each day, with one JSON document on each line.
+//! The files are in the directory of the logs.
 //!
-//! Every line has a seal, which is its checksum. `n` is the number of the line in the file. `after` is the seal of the
-//! previous line; in the first line it is the checksum of the file's name. `seal` is the checksum of the rest of the
-//! line. A reader thus detects lines that were changed, cut or removed, and replaced files. It reports the damage, and
-//! reads the other lines.
+//! Every line has a seal, which is its checksum. `n` is the number of the line in the file. `after` is the
+//! seal of the previous line. In the first line, `after` is the checksum of the file's name. `seal` is the
+//! checksum of the rest of the line. A reader thus detects lines that were changed, cut or removed, and
+//! replaced files. It reports the damage, and reads the other lines.
 
 use std::io::{Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};

@@ -26,7 +26,8 @@ const UNKEPT: usize = 10_000;
 pub struct Entry {
     /// Time as RFC 3339.
     pub at: String,
-    /// Kind of the event: one word for programs, and label of the counter.
+    /// Kind of the event as one word for programs, for example `device-lost`. The event counter has this word
+    /// as its label.
     pub kind: Cow<'static, str>,
     /// Severity of the event.
     #[schemars(schema_with = "super::data::level_schema")]
@@ -49,8 +50,8 @@ pub struct ReportedEvent<'a> {
     pub change: &'a Change,
 }
 
-/// Function that receives every event at once, in order. It must not block: it runs under the lock of the event
-/// journal, and delays the code that reports the event, possibly a line task.
+/// Function that receives every event at once, in order. The function must not block, because it runs under
+/// the lock of the event journal. It delays the code that reports the event, possibly the task of a bus line.
 pub type EventListener = Arc<dyn Fn(ReportedEvent<'_>) + Send + Sync>;
 
 /// Parts of an event's text that the log of the program contains.
@@ -135,7 +136,7 @@ impl Journal {
         Journal { listener, ..self }
     }
 
-    /// Sets the extent of an event's text in the log.
+    /// Sets which parts of an event's text the log contains.
     #[must_use]
     pub fn logging(self, logged_text: LoggedText) -> Journal {
         Journal { logged_text, ..self }

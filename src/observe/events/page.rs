@@ -17,7 +17,8 @@ pub enum PagePort {
         /// Reason why the page cannot listen, as a sentence.
         why: String,
     },
-    /// The web page does not listen, because one of its tokens or its certificate cannot be used.
+    /// The gateway does not open the port of the web page, because a token file or the certificate of the
+    /// page cannot be used.
     NotServed {
         /// Host and port on which the server listens.
         listen: String,

@@ -21,7 +21,8 @@ pub enum StandIn {
         axis: String,
         /// Name of the sensor's signal in the profile.
         signal: String,
-        /// Whether the reading does not change. If `false`, the sensor is lost.
+        /// Whether the sensor is frozen, which means that its reading does not change. If `false`, the sensor
+        /// is lost.
         frozen: bool,
         /// Time that has passed since the fault began.
         #[serde(rename = "for_s", serialize_with = "in_seconds")]
@@ -35,7 +36,8 @@ pub enum StandIn {
         axis: String,
         /// Name of the sensor's signal in the profile.
         signal: String,
-        /// Whether the sensor's own reading is accepted again. If `false`, it is still missing or rejected.
+        /// Whether the sensor's own reading is accepted again. If `false`, the reading is still missing or
+        /// rejected.
         #[serde(rename = "believed")]
         accepted: bool,
     },

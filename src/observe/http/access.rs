@@ -6,15 +6,16 @@
 //! | sends the viewer's token, or has signed in with it | everything | no |
 //! | sends the scraper's token | `/metrics` | no |
 //! | is on this computer, `commands = "local"` | everything | yes, only from the web page |
-//! | is on this computer, no such line in the profile | everything, unless the profile has a viewer's token | no |
+//! | is on this computer, `commands = "token"` | everything, unless the profile has a viewer's token | no |
 //! | any other | `/healthz`, and the sign-in page | no |
 //!
 //! A client is on this computer if it connects over loopback without a proxy. A client behind one of `trusted_proxies`
 //! is never on this computer; its address is the address that the proxy reports.
 //!
-//! The host in the request of a client on this computer must be `localhost`, an IP address, or a name from the profile.
-//! This protects against DNS rebinding: another site lets one of its own names point to this computer. Scripts of that
-//! site could then read and command like scripts of the page. With an IP address, this attack is not possible.
+//! The host in the request of a client on this computer must be `localhost`, an IP address at which the page
+//! listens, or a name from the profile. This protects against DNS rebinding: another site lets one of its own
+//! names point to this computer. Scripts of that site could then read and command like scripts of the page.
+//! With an IP address, this attack is not possible.
 
 use std::net::{IpAddr, SocketAddr};
 use std::sync::{Mutex, MutexGuard, PoisonError};
@@ -44,7 +45,7 @@ use crate::observe::status::Command;
 const LOOK_EVERY: Duration = Duration::from_secs(1);
 /// Paths that every client may read: the health check, and the files of the sign-in page.
 const FOR_EVERYBODY: [&str; 4] = ["/healthz", "/login", "/page/login.css", "/page/icon.svg"];
-/// Only path that a client with the scraper's token may read.
+/// Path that a client with the scraper's token may read, in addition to [`FOR_EVERYBODY`].
 const FOR_SCRAPERS: &str = "/metrics";
 const LOGOUT: &str = "/api/logout";
 
@@ -87,8 +88,8 @@ pub(super) struct Access {
     reports: Mutex<Reports>,
 }
 
-/// Passes an allowed request to `next`, or answers with the reason of the refusal. A method that the address does not
-/// accept is refused first, because no token would change that.
+/// Passes an allowed request to `next`, or answers with the reason of the refusal. A method that the path
+/// does not accept is refused before the token is checked, because no token permits this method.
 pub(super) async fn check(
     State(room): State<HttpState>,
     ConnectInfo(peer): ConnectInfo<Peer>,
@@ -237,8 +238,9 @@ impl Access {
         format!("{name}={value}; Path={prefix}/; HttpOnly; SameSite=Strict{secure}")
     }
 
-    /// Returns the name of the cookie. It contains the port, because a browser sends a cookie to all ports of a host,
-    /// and each port may be another gateway. A browser accepts the prefix `__Host-` only for the top path of a host.
+    /// Returns the name of the cookie. The name contains the port, because a browser sends a cookie to all
+    /// ports of a host, and each port may be another gateway. A browser accepts the prefix `__Host-` only for
+    /// the top path of a host.
     fn cookie_name(&self, peer: &Peer) -> String {
         let prefix = match peer.scheme(self.scheme) {
             Scheme::Https if peer.prefix().is_empty() => "__Host-",
@@ -285,8 +287,9 @@ impl Access {
         }
     }
 
-    /// Returns the role of the client. If it has several roles, returns the role with the most rights; `None` if it has
-    /// no role.
+    /// Returns the role of the client; `None` if the client has no role. If the profile has tokens and the
+    /// client sends a token, this is the role of that token. Otherwise, it is the role of the session or of
+    /// this computer, whichever has more rights. The error is the refusal of a wrong token.
     fn who(&self, request: &Request, peer: &Peer) -> Result<Option<Grant>, Refusal> {
         let headers = request.headers();
         if let Some(token) = bearer(headers).filter(|_| self.tokens.any()) {

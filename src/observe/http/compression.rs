@@ -72,7 +72,8 @@ fn packed(text: &[u8]) -> Option<Bytes> {
     Some(encoder.finish().ok()?.into())
 }
 
-/// Makes the answer from the compressed text; if that is `None`, from the plain text.
+/// Makes the answer from the compressed text `packed`. If `packed` is `None`, makes the answer from the plain
+/// text.
 fn answer(kind: &'static str, text: Bytes, packed: Option<Bytes>) -> Response {
     let encoding: Option<(HeaderName, HeaderValue)> =
         packed.as_ref().map(|_| (header::CONTENT_ENCODING, HeaderValue::from_static("gzip")));

@@ -103,8 +103,9 @@ impl Drop for Permit {
     }
 }
 
-/// Returns the address under which a client is counted. For IPv6, this is the network, because each user has a whole
-/// network. Each loopback address is counted separately. A local user can overload the computer in other ways anyway.
+/// Returns the address under which a client is counted. For IPv6, this is the network, because each user has
+/// a whole network. Each loopback address is counted separately. A common limit is not needed, because a
+/// local user can overload the computer in other ways.
 fn counted(address: IpAddr) -> IpAddr {
     match address.to_canonical() {
         IpAddr::V6(address) if !address.is_loopback() => {

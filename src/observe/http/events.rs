@@ -35,7 +35,7 @@ pub(super) struct Events {
     events: VecDeque<Entry>,
     /// Number of older events in the time range that were left out.
     left_out: usize,
-    /// Damaged places that were found in the event files, as sentences.
+    /// Damage that was found in the event files, one sentence for each damage.
     damage: Vec<String>,
 }
 

@@ -67,8 +67,8 @@ impl Forwarded {
     }
 }
 
-/// Returns the value from the two kinds of headers. If only one kind reports the value, this is sufficient. `None` if
-/// no header reports the value; an error if the two values differ.
+/// Returns the value that the two kinds of headers report. A value from one kind is sufficient. `None` if no
+/// header reports a value; an error if the two values differ.
 fn one_of<T: PartialEq>(one: Option<T>, other: Option<T>) -> Result<Option<T>, UnusableReport> {
     match (one, other) {
         (Some(one), Some(other)) if one != other => Err(UnusableReport::Differs),
@@ -97,7 +97,8 @@ fn standard(headers: &HeaderMap, trusted: &[IpNetwork]) -> Result<Report, Unusab
     })
 }
 
-/// Returns the value of a parameter in an element of `Forwarded`, without its quotes.
+/// Returns the value of a parameter in an element of `Forwarded`, without its quotes; `None` if the element
+/// does not have the parameter.
 fn parameter<'a>(element: &'a str, name: &str) -> Option<&'a str> {
     let mut pairs = split(element, ';').filter_map(|pair| pair.split_once('='));
     let (_, value) = pairs.find(|(known, _)| known.trim().eq_ignore_ascii_case(name))?;
@@ -181,7 +182,8 @@ fn is_host(text: &str) -> bool {
     !text.is_empty() && text.len() <= LONGEST && text.chars().all(is_letter)
 }
 
-/// Returns the path of the page on the proxy, without the slash at its end. The session cookie is valid only there.
+/// Returns the path of the page on the proxy, without the slash at its end. `None` if the proxy reports no
+/// valid path. The session cookie is valid only below this path.
 fn prefix(headers: &HeaderMap) -> Option<&str> {
     let mut lines = headers.get_all("x-forwarded-prefix").into_iter();
     let path = lines.next()?.to_str().ok()?.trim().trim_end_matches('/');
@@ -302,7 +304,8 @@ mod tests {
         assert_eq!((both.client.to_string(), both.scheme), ("192.0.2.7".to_owned(), Some(Scheme::Https)));
     }
 
-    /// The entry that the proxy adds would be a part of the client's text, and the client's own address would count.
+    /// The entry that the proxy adds would be a part of the client's text. The server would then accept the
+    /// address that the client has sent.
     #[test]
     fn a_quote_that_a_client_leaves_open_is_refused() {
         let proxy = ", for=192.0.2.7;proto=https";

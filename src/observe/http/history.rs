@@ -124,8 +124,9 @@ struct DownloadTimeouts {
     all: Duration,
 }
 
-/// Sends the pieces from `read` as long as the client accepts them. When a timeout expires, the download is closed with
-/// an error, so that the client detects the missing rows. One place in the channel is reserved for this error.
+/// Sends the pieces from `read` as long as the client accepts them. When a timeout expires, the download is
+/// closed with an error, so that the client detects the missing rows. One slot of the channel is reserved for
+/// this error.
 fn hand_over(
     sender: mpsc::Sender<Piece>,
     patience: DownloadTimeouts,
@@ -231,8 +232,9 @@ fn columns(status: &Status, named: Option<&str>) -> Result<Vec<Column>, String> 
 mod tests {
     use super::*;
 
-    /// Result of a download of a thousand pieces if one is accepted every `each`: number of pieces, whether it was cut
-    /// off, and its duration.
+    /// Runs a download of a thousand pieces, in which the client accepts one piece every `each`, or no piece
+    /// if `each` is `None`. Returns the number of accepted pieces, whether the download was cut off, and its
+    /// duration.
     fn taken(each: Option<Duration>, patience: DownloadTimeouts) -> (usize, bool, Duration) {
         let (sender, mut receiver) = mpsc::channel(UNDER_WAY + 1);
         let begun = BootClock::default().passed();

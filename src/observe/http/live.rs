@@ -21,7 +21,7 @@ const PERIOD: Duration = Duration::from_secs(1);
 /// Time after which a browser reconnects when a stream has ended.
 const RETRY: Duration = Duration::from_secs(2);
 
-/// Source of the live streams, to which it sends the status each second.
+/// Source of the live streams. A task sends the status to all streams each second.
 #[derive(Clone)]
 pub(super) struct Live {
     source: Arc<dyn GatewayApi>,

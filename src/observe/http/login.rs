@@ -35,8 +35,9 @@ fn accepts_html(headers: &HeaderMap) -> bool {
         .is_some_and(|kinds| kinds.contains("text/html"))
 }
 
-/// Makes the sign-in page in a language of the profile or of the browser. The page contains the parameters of the
-/// address to show after signing in, and the key of an error message. `top` is the relative address of the web page.
+/// Makes the sign-in page in a language of the profile or of the browser. `parameters` belong to the address
+/// that the browser shows after the sign-in. `trouble` is the key of an error message. `top` is the relative
+/// address of the web page.
 fn sign_in_page(
     room: &HttpState,
     headers: &HeaderMap,

@@ -105,7 +105,7 @@ fn operation_id(method: &str, path: &str) -> String {
     words.join("_")
 }
 
-/// Replaces terms of Rust in the comments by terms of JSON.
+/// Replaces terms of Rust in the descriptions by terms of JSON: `None` by null.
 fn without_rust_words(value: &mut Value) {
     match value {
         Value::Object(fields) => fields.iter_mut().for_each(|(key, value)| match value {

@@ -88,8 +88,8 @@ impl Peer {
         self.report().map_or(self.address.ip(), |report| report.client)
     }
 
-    /// Returns whether the request came through a trusted proxy. Its client then counts as a client on another
-    /// computer.
+    /// Returns whether the request came through a trusted proxy. The client of such a request counts as a
+    /// client on another computer.
     pub(super) fn is_proxied(&self) -> bool {
         self.report().is_some()
     }

@@ -11,7 +11,7 @@ use crate::observe::status::Command;
 /// Use of a route of the server, which determines its handlers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Route {
-    /// Web page: the front page, or the wall view.
+    /// Web page: the front page, or the wall view, which is a page for a large screen on a wall.
     Front,
     /// File that the web page loads, for example a script.
     File,
@@ -45,8 +45,8 @@ pub(super) enum Route {
     Ready,
 }
 
-/// All routes except the routes of commands, with their paths and methods. A name in braces stands for any part of a
-/// path.
+/// All routes except the routes of commands, with their paths and methods. A name in braces matches any path
+/// segment.
 const FIXED: [(Route, &str, &[&str]); 15] = [
     (Route::Front, "/", &["GET"]),
     (Route::File, "/page/{file}", &["GET"]),
@@ -68,7 +68,7 @@ const FIXED: [(Route, &str, &[&str]); 15] = [
 /// Route with its path and its methods.
 pub(super) struct Entry {
     pub(super) route: Route,
-    /// Path of the route. A name in braces stands for any part of the path.
+    /// Path of the route. A name in braces matches any path segment.
     pub(super) path: String,
     /// Methods of the handlers. A route with GET accepts HEAD too.
     pub(super) methods: &'static [&'static str],

@@ -196,7 +196,7 @@ pub(super) enum Change {
 pub(super) struct Tokens(Mutex<[Option<TokenFile>; 3]>);
 
 impl Tokens {
-    /// Creates the token files of all roles, which are given in the order of [`Role::ALL`].
+    /// Creates the collection of token files. `files` are in the order of [`Role::ALL`].
     pub(super) fn new(files: [Option<TokenFile>; 3]) -> Tokens {
         Tokens(Mutex::new(files))
     }
@@ -257,7 +257,8 @@ fn place(role: Role) -> usize {
     }
 }
 
-/// Compares two tokens in constant time, so that response times do not help to guess a token.
+/// Returns whether two tokens are equal. The comparison takes constant time, so that response times do not
+/// help to guess a token.
 fn same(given: &str, token: &str) -> bool {
     let differences = given.bytes().zip(token.bytes()).fold(0, |seen, (a, b)| black_box(seen | (a ^ b)));
     given.len() == token.len() && differences == 0

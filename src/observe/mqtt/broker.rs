@@ -48,14 +48,16 @@ pub(super) trait Connection {
         subscription: &Subscription,
     ) -> impl Future<Output = Result<SubscriptionAnswer, Fault>>;
 
-    /// Requests an answer of the broker to the last message, because the broker does not acknowledge that message.
-    /// [`Connection::is_done`] then includes this answer. `topic` is the topic of the message.
+    /// Requests an answer from the broker after a message with QoS 0, which the broker does not acknowledge.
+    /// [`Connection::is_done`] then returns `false` until this answer arrives. `topic` is the topic of the
+    /// message.
     fn request_answer(&mut self, topic: &str);
 
     /// Waits for the next report about the connection. If this future is dropped, no report is lost.
     fn next(&mut self) -> impl Future<Output = BrokerReport>;
 
-    /// Returns a time. All messages that were made before this time have reached the broker.
+    /// Returns the time before which all messages have reached the broker. A message counts by the time at
+    /// which it was made.
     fn last_received(&self) -> Moment;
 
     /// Returns whether the broker has received every message that was sent.
@@ -121,7 +123,7 @@ pub enum Fault {
 }
 
 impl Fault {
-    /// Returns the cause, with a hint if the cause has a remedy of its own.
+    /// Returns the cause, with a hint if this cause has a specific remedy.
     pub(super) fn explained(&self) -> Explained {
         match self {
             Fault::NoAddress => "the host name of the broker has no address".into(),

@@ -39,7 +39,7 @@ const SUBSCRIBE_WITHIN: Duration = Duration::from_secs(10);
 /// MQTT keep-alive interval. If the client receives no data for twice this time, it closes the connection. If the
 /// broker receives no data for one and a half times this interval, it publishes the will message.
 const KEEP_ALIVE: Duration = Duration::from_secs(10);
-/// Maximum delay between a ping that the library sends and its report about the ping.
+/// Maximum delay from the sending of a ping to the library's report about this ping.
 const MARGIN: Duration = Duration::from_secs(1);
 /// Maximum number of messages that the library holds at one time.
 const IN_LIBRARY: usize = 64;
@@ -148,7 +148,8 @@ struct Tally {
     unacknowledged: BTreeMap<u16, Moment>,
     /// Number of requested answers that the broker has not sent yet.
     unanswered: usize,
-    /// Time of the last ping. All messages that were made before this time had been written then.
+    /// Time before which all messages had been written when the last ping was sent. `None` if no ping waits
+    /// for an answer.
     pinged: Option<Moment>,
     /// Time before which all messages have reached the broker.
     heard: Moment,
@@ -167,8 +168,8 @@ impl Tally {
         self.unanswered = self.unanswered.saturating_sub(1);
     }
 
-    /// Records an acknowledgement. A broker processes messages in order, so it also has all messages that were written
-    /// before.
+    /// Records an acknowledgement. A broker processes messages in order, so the broker also has all messages
+    /// that were written before this message.
     fn acknowledged(&mut self, id: u16) {
         if let Some(told) = self.unacknowledged.remove(&id) {
             self.heard = self.heard.max(told);
@@ -176,8 +177,8 @@ impl Tally {
     }
 }
 
-/// Sender of reports from the task of the library. Reports about a free place in the send queue are separate, so that
-/// they do not take the place of a received message.
+/// Sender of reports from the task of the library. Reports about room in the send queue use a separate
+/// notification, so that they do not fill the queue of received messages.
 struct ReportSender {
     heard: mpsc::Sender<BrokerReport>,
     room: Arc<Notify>,
@@ -194,7 +195,8 @@ struct ReportReceiver {
     kept: KeptMessage,
 }
 
-/// Newest message about the state of the primary host for which the queue had no place; `None` if no message is kept.
+/// Newest message about the state of the primary host that did not fit into the queue; `None` if there is no
+/// such message.
 type KeptMessage = Arc<Mutex<Option<ReceivedMessage>>>;
 
 fn inbox(state_topic: Option<String>) -> (ReportSender, ReportReceiver) {

@@ -14,8 +14,8 @@ use super::broker::Fault;
 use isotherm_core::quantity::Moment;
 use isotherm_plant::{Message, Qos};
 
-/// Number of connections that the broker closes after messages to the same topic before the topic counts as denied. An
-/// answer to such a message resets the count.
+/// Number of closed connections after which a topic counts as denied. The broker has closed each of them
+/// after a message to this topic. An answer to a message to this topic resets the count.
 const CLOSED: u32 = 3;
 /// Minimum duration of a connection after which messages are no longer sent one by one.
 const CAREFUL_FOR: Duration = Duration::from_secs(60);
@@ -55,7 +55,7 @@ enum Pace {
 }
 
 impl Denials {
-    /// Records the begin of a connection. If messages are sent one by one, no answer is awaited at first.
+    /// Records the start of a connection. If messages are sent one by one, no answer is awaited at first.
     pub(super) fn begins(&mut self, now: Moment) {
         if let Pace::Careful { .. } = self.pace {
             self.pace = Pace::Careful { since: now, awaited: None, missing: None, answered: 0 };
@@ -73,7 +73,8 @@ impl Denials {
         awaited.is_none()
     }
 
-    /// Removes and returns the message to send next. Messages to denied topics are removed and not returned.
+    /// Removes and returns the message to send next; `None` if no message waits. Messages to denied topics
+    /// are removed and not returned.
     pub(super) fn next(&self, outbox: &mut VecDeque<(Moment, Message)>) -> Option<(Moment, Message)> {
         if !self.denied.is_empty() {
             outbox.retain(|(_, message)| !self.denied.contains(scope(&message.topic)));
@@ -108,13 +109,15 @@ impl Denials {
         }
     }
 
-    /// Returns whether the broker may close the connection again, after a message to a suspected topic. A connection
-    /// that has lasted for a while is usable, even if it had no message to this topic.
+    /// Returns whether messages are sent one by one and a topic is suspected. The broker may then close the
+    /// connection again. After [`CAREFUL_FOR`], a connection counts as usable, even without a message to a
+    /// suspected topic.
     pub(super) fn has_suspects(&self) -> bool {
         matches!(self.pace, Pace::Careful { .. }) && !self.suspected.is_empty()
     }
 
-    /// Records that no message waits to be sent. After a while, messages are no longer sent one by one.
+    /// Records that no message waits to be sent. If the connection has lasted for [`CAREFUL_FOR`], messages
+    /// are no longer sent one by one.
     pub(super) fn rests(&mut self, now: Moment) {
         if let Pace::Careful { since, awaited: None, .. } = &self.pace
             && now.since(*since) >= CAREFUL_FOR

@@ -1,5 +1,5 @@
-//! Queue of the events since the last sample of the status. The queue is needed because the status contains only the
-//! last events.
+//! Queue of the events that are not published yet. Each sample of the status adds the new events to the
+//! queue, because the status contains only the last events.
 
 use std::collections::VecDeque;
 
@@ -14,7 +14,7 @@ const MOST: usize = 1000;
 /// Queue of the events that are not published yet.
 #[derive(Debug, Default)]
 pub(super) struct EventQueue {
-    /// Number of events since the start of the gateway, at the last sample.
+    /// Number of events that the gateway had reported since its start when the last sample was taken.
     seen: u64,
     waiting: VecDeque<PlantEvent>,
     dropped: u64,

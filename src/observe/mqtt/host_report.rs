@@ -1,5 +1,5 @@
-//! Reports about the primary host: one when it is offline, and one when it is online again. The gateway publishes only
-//! while the primary host of the profile, for example a SCADA system, is online.
+//! Reports that the primary host has gone offline, or is online again. The gateway publishes only while the
+//! primary host of the profile, for example a SCADA system, is online.
 
 use std::time::Duration;
 

@@ -1,4 +1,4 @@
-//! Files that show what earlier runs have published.
+//! Files with the topics and the death number that earlier runs have published.
 //!
 //! The death number (bdSeq) of a Sparkplug node must follow the last death number of the previous run. For JSON
 //! messages, the broker retains the last message of each topic. If a topic is no longer published, its last message
@@ -20,14 +20,16 @@ const TOPICS: &str = "topics";
 /// Duration of a connection after which its first messages count as delivered.
 const ARRIVED_AFTER: Duration = Duration::from_secs(60);
 
-/// Memory of what earlier runs have published. The variant depends on the message format.
+/// Topics or death number that earlier runs have published, and the file that stores them. The variant
+/// depends on the message format.
 pub(super) enum Memory {
     /// File with the death number of a Sparkplug node, and the number that it contains.
     Deaths { file: NumberFile, kept: Option<u8> },
     /// Topics of JSON messages that the broker may have retained.
     Topics {
         file: TopicsFile,
-        /// Topics of earlier runs that this run does not publish, and whose messages are not known to be cleared.
+        /// Topics of earlier runs that this run does not publish. Their retained messages may not be cleared
+        /// yet.
         gone: BTreeSet<String>,
         /// Start of the present connection, and the topics of the messages that were published on this connection.
         told: (Moment, BTreeSet<String>),
@@ -57,7 +59,8 @@ impl Memory {
         self.keep_number(publisher.number_to_keep());
     }
 
-    /// Saves the death number that was sent last, at the end of the run. The last will may never have been sent.
+    /// Saves the death number that was sent last, at the end of the run. The number in the file may be newer,
+    /// from a will message that was never sent.
     pub(super) fn ends(&mut self, publisher: &dyn Publisher) {
         self.keep_number(publisher.number_sent());
     }

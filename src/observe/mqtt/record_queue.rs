@@ -18,8 +18,8 @@ pub(super) enum RecordQueue {
     /// Records in memory. They are removed when they are published. After a lost connection, the publisher puts back
     /// the records that may be undelivered.
     Memory { records: VecDeque<Record>, dropped: u64 },
-    /// Records on disk. They are removed when the broker has received them. `told` contains the time and the number of
-    /// the records that were published last.
+    /// Records on disk. They are removed when the broker has received them. `told` contains the time of the
+    /// last publication, and the number of its records.
     Disk { store: Store, told: Option<(Moment, usize)> },
 }
 
@@ -66,8 +66,9 @@ impl RecordQueue {
         }
     }
 
-    /// Returns the oldest records, for publishing now. The broker has received everything that was published before
-    /// `heard`.
+    /// Returns the oldest records, for publishing now. The broker has received everything that was published
+    /// before `heard`. With records on disk, the result is empty until the broker has received the last
+    /// publication.
     pub(super) fn next(&mut self, now: Moment, heard: Moment) -> Vec<Record> {
         match self {
             RecordQueue::Memory { records, .. } => {
@@ -120,7 +121,7 @@ impl RecordQueue {
         }
     }
 
-    /// Returns the disk error, but only once after the disk begins to fail.
+    /// Returns the disk error once when the disk begins to fail. Otherwise, returns `None`.
     pub(super) fn fails(&mut self) -> Option<String> {
         let RecordQueue::Disk { store, .. } = self else { return None };
         std::iter::from_fn(|| store.news()).find_map(|news| match news {

@@ -82,7 +82,8 @@ enum End {
 }
 
 impl Runner {
-    /// Connects to the broker and publishes, again after each lost connection, until `stopped` is set.
+    /// Connects to the broker and publishes until `stopped` is set. Connects again after each lost
+    /// connection.
     pub(super) async fn run(mut self, broker: impl Broker, stopped: watch::Receiver<bool>) {
         self.publish_until(broker, stopped).await;
         self.memory.ends(self.publisher.as_ref());
@@ -250,8 +251,9 @@ impl Runner {
         }
     }
 
-    /// Subscribes to the topics of commands and of the primary host. The first message is published only after the
-    /// broker has answered. Otherwise, a command in reply to that message could be lost.
+    /// Subscribes to the topics of commands and of the primary host. The first message is published only
+    /// after the broker has answered. Otherwise, a command in reply to that message could be lost. The error
+    /// is the reason why the connection has ended.
     async fn subscribed(
         &mut self,
         connection: &mut impl Connection,
@@ -295,7 +297,8 @@ impl Runner {
         self.figures.note(|figures| figures.refused.push(topic.to_owned()));
     }
 
-    /// Waits until the primary host is online. Records of the state are stored meanwhile.
+    /// Waits until the primary host is online, and stores records of the state meanwhile. The error is the
+    /// reason why the connection has ended.
     async fn awaited_host(
         &mut self,
         connection: &mut impl Connection,
@@ -333,8 +336,8 @@ impl Runner {
         }));
     }
 
-    /// Makes messages from the changes of the state, and from stored records. While earlier messages still wait, only
-    /// events are queued.
+    /// Makes messages from the changes of the state, and from stored records. While earlier messages still
+    /// wait, the function only queues the new events.
     fn tell(&mut self, connection: &impl Connection) {
         self.report_up();
         let now = self.clock.time_of_day();
@@ -462,7 +465,7 @@ impl Runner {
         }
     }
 
-    /// Publishes the last state, and that the gateway has ended. Waits at most [`LAST_PATIENCE`].
+    /// Publishes the last state, and a message that the gateway has ended. Waits at most [`LAST_PATIENCE`].
     async fn end(&mut self, mut connection: impl Connection) {
         let now = self.clock.time_of_day();
         let snapshot = self.snapshot_in_order(now);

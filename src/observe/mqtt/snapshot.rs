@@ -1,7 +1,7 @@
 //! Conversion of the state of the gateway to metrics for publishing.
 //!
-//! Values that always change, for example counts of requests, are left out: they would be published every second.
-//! Prometheus can read them. The age of a verified value is published only in steps.
+//! Values that always change, for example counts of requests, are left out, because they would be published
+//! every second. Prometheus can read these values. The age of a verified value is published only in steps.
 
 use std::time::Duration;
 

@@ -13,7 +13,7 @@ use isotherm_profile::Url;
 const LONGEST: usize = 16 * 1024;
 /// Maximum number of headers of an answer.
 const MOST_HEADERS: usize = 64;
-/// Maximum pause that a server may request. A longer pause is shortened to it.
+/// Maximum pause that a server may request. A longer pause is shortened to this value.
 const LONGEST_PAUSE: Duration = Duration::from_secs(3600);
 
 /// Reads an answer. Returns `Ok` if the server has accepted the message. The body of the answer is not read.

@@ -5,7 +5,7 @@ use serde_json::{Map, Value};
 use crate::observe::events::{Change, Entry, ReportedEvent};
 use isotherm_profile::{BodyTemplate, MessageField};
 
-/// Fields of an event that name its subject. If an event has exactly one of them, the message contains it.
+/// Fields of an event that name its subject. The message contains each of these fields that the event has.
 const ABOUT: [&str; 5] = ["axis", "device", "bus", "signal", "output"];
 
 /// Message about one event, for one server.

@@ -36,8 +36,8 @@ struct Queue {
     losses: Losses,
 }
 
-/// Counter of the dropped messages. An event reports their number at once, then whenever the number has doubled, and
-/// when the queue is empty.
+/// Counter of the dropped messages. After a delivery, an event reports their number: the first time at once,
+/// then whenever the number has doubled, and when the queue is empty.
 #[derive(Debug, Default)]
 struct Losses {
     unreported: u64,
@@ -45,8 +45,8 @@ struct Losses {
 }
 
 impl Losses {
-    /// Adds a number of dropped messages. Returns the number that must be reported now; `None` if nothing must be
-    /// reported.
+    /// Adds a number of dropped messages. `is_over` is true when the queue is empty. Returns the number that
+    /// must be reported now; `None` if nothing must be reported.
     fn more(&mut self, count: u64, is_over: bool) -> Option<u64> {
         self.unreported += count;
         let is_news = self.unreported > 0 && (is_over || self.unreported >= self.reported);

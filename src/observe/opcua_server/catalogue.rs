@@ -71,7 +71,7 @@ pub(super) enum Kind {
     Text,
     /// List of texts.
     Texts,
-    /// Object with the fields of the section that the value names.
+    /// Object; contains the title of the section that describes the fields of the object.
     Object(&'static str),
 }
 

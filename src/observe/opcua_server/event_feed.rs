@@ -11,7 +11,7 @@ use isotherm_core::quantity::{Moment, time};
 /// Source of the OPC UA events. It finds the events that are new since the last sample of the status.
 #[derive(Debug)]
 pub(super) struct EventFeed {
-    /// Number of events since the start of the gateway, at the last sample.
+    /// Number of events that the gateway had reported since its start when the last sample was taken.
     seen: u64,
     /// Start time of the server, which makes the identifiers of the events unique.
     start: Moment,

@@ -110,8 +110,8 @@ pub(super) async fn serve(
     }
 }
 
-/// Forwards the bytes of one client until either end closes the connection, or until the client stops reading. Returns
-/// the reason if the client was refused.
+/// Forwards the bytes of one client until either end closes the connection, or until the client stops
+/// reading. Returns the reason if the client was refused; `None` otherwise.
 async fn pass_on(client: TcpStream, door: &Door, limits: (Screen, &Pace)) -> Option<Refusal> {
     let server = door.connect().await.ok()?;
     // Both directions consist of small messages that are answered at once.

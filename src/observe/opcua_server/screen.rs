@@ -22,7 +22,7 @@ use ::opcua::crypto::SecurityPolicy;
 use super::setup::{CHUNK, POLICIES};
 use isotherm_profile::Security;
 
-/// Length of the header of a message, bytes: its type, the mark of the last part, and its size.
+/// Length of the header of a message, bytes: message type, chunk type and size.
 const HEADER: usize = 8;
 /// Offsets in a message, bytes: of the size, of the length of the policy, of the policy, and of the identifier of a
 /// request.
@@ -137,7 +137,7 @@ impl Screen {
     /// step.
     ///
     /// # Errors
-    /// The connection must be closed.
+    /// The connection must be closed, for the reason in the error.
     pub(super) fn pass(&mut self, bytes: &[u8], passed: &mut Vec<u8>) -> Result<(usize, Then), Refusal> {
         let mut rest = bytes;
         while let Some((first, later)) = rest.split_first() {
@@ -184,8 +184,9 @@ impl Screen {
         Ok(Some(size))
     }
 
-    /// Checks a message of `size` bytes that opens a channel: its policy, its certificate and its length. Returns
-    /// `false` if policy or certificate have not arrived completely.
+    /// Checks a message of `size` bytes that opens a channel: its policy, its certificate and its length.
+    /// Returns `false` if policy or certificate have not arrived completely. The error is the reason to close
+    /// the connection.
     fn opens(&mut self, size: usize) -> Result<bool, Refusal> {
         let Some(length) = number(&self.head, LENGTH_AT) else { return Ok(false) };
         if length > LONGEST {
@@ -222,8 +223,8 @@ impl Screen {
         Ok(true)
     }
 
-    /// Checks whether the channel permits a request. Returns `false` if the identifier of the request has not arrived
-    /// yet.
+    /// Checks a request. Returns `true` if the channel permits the request, and `false` if the identifier of
+    /// the request has not arrived yet. The error is the reason to close the connection.
     fn asks(&self) -> Result<bool, Refusal> {
         match self.channel {
             Channel::None => Err(Refusal::NoMessage),
@@ -273,7 +274,8 @@ pub(super) mod tests {
         opening_with(policy, &OWN, 600)
     }
 
-    /// Makes a message that opens a channel, with this certificate, and so many bytes after it.
+    /// Makes a message that opens a channel, with this certificate, and with `encrypted` bytes after the
+    /// certificate.
     fn opening_with(policy: &str, certificate: &[u8], encrypted: usize) -> Vec<u8> {
         let length = u32::try_from(policy.len()).unwrap().to_le_bytes();
         let size = u32::try_from(certificate.len()).unwrap().to_le_bytes();
@@ -289,7 +291,8 @@ pub(super) mod tests {
         message(kind, &[&[5; 16][..], &[1, 0][..], &number.to_le_bytes()[..], &[9; 30][..]].concat())
     }
 
-    /// Passes messages on in pieces of this length. Returns what was passed on, and the refusal.
+    /// Passes messages through the filter in pieces of `piece` bytes. Returns the forwarded bytes, and the
+    /// refusal.
     fn passed(security: Security, messages: &[Vec<u8>], piece: usize) -> (Vec<u8>, Option<Refusal>) {
         let mut screen = screen(security);
         let mut passed = Vec::new();

@@ -106,7 +106,8 @@ pub(super) fn axis_id(axis: &str) -> String {
 }
 
 impl Tree {
-    /// Makes the nodes of a machine. Lists of the status keep their length and their order while the gateway runs.
+    /// Makes the nodes of a machine from its status. Each [`List`] keeps its length and its order while the
+    /// gateway runs.
     pub(super) fn of(status: &Status) -> Tree {
         let mut tree = Tree::default();
         tree.folder(None, MACHINES);
@@ -189,7 +190,8 @@ impl Tree {
         self.variable(format!("{object}.{name}"), add_in, field, String::new(), source);
     }
 
-    /// Adds a folder with one object for each item of a list. Each item in `items` has a name, a label, and a unit.
+    /// Adds a folder with one object for each item of a list. Each item in `items` has a name, a label, and a
+    /// unit. The identifier of an object is `word` and the name of its item, for example `axis.z`.
     fn items<'s>(
         &mut self,
         (parent, folder, word): (&str, &str, &str),

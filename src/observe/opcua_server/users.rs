@@ -130,7 +130,8 @@ impl AuthManager for Users {
     }
 }
 
-/// Compares two passwords in constant time, so that response times do not help to guess a password.
+/// Returns whether two passwords are equal. The comparison takes constant time, so that response times do not
+/// help to guess a password.
 fn is_same(given: &str, password: &str) -> bool {
     let pairs = given.bytes().zip(password.bytes());
     let differences = pairs.fold(0, |seen, (a, b)| black_box(seen | (a ^ b)));

@@ -13,8 +13,8 @@ pub(in crate::observe) struct LoginPlace<'a> {
     pub(in crate::observe) top: &'a str,
 }
 
-/// Makes a sign-in page. `parameters` belong to the address to show after signing in, and `trouble` is the key of an
-/// error message.
+/// Makes a sign-in page. `parameters` belong to the address that the browser shows after the sign-in.
+/// `trouble` is the key of an error message.
 pub(in crate::observe) fn login(
     words: &Words,
     LoginPlace { machine, top }: LoginPlace<'_>,

@@ -70,7 +70,8 @@ mod tests {
     use super::*;
     use crate::observe::page::FILES as FILES_OF_THE_PAGE;
 
-    /// Returns the text of all files of the page that use words, for a test.
+    /// Returns the content of all files that use the texts of the page: its scripts, and the Rust files that
+    /// make HTML.
     fn uses() -> String {
         let scripts =
             FILES_OF_THE_PAGE.iter().filter(|(name, ..)| name.ends_with(".js")).map(|(.., text)| *text);

@@ -21,7 +21,7 @@ impl DialDirection {
     pub const ALL: [(&'static str, DialDirection); 3] =
         [("plus", DialDirection::Plus), ("minus", DialDirection::Minus), ("none", DialDirection::None)];
 
-    /// Explains what this direction means for the axis, and what to do.
+    /// Returns the meaning of this direction for the axis, with the action of the operator as a hint.
     pub fn explained(self, axis: &str) -> Explained {
         match self {
             DialDirection::Plus => "the gauge moved to plus: the sign is right".into(),

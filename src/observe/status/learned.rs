@@ -11,8 +11,8 @@ pub struct LearnedStatus {
     /// Name of the model that was preferred before, to which `isotherm adopt --back` returns. Empty for the model of the
     /// profile; `None` if no other model was preferred.
     pub before: Option<String>,
-    /// Name of the model whose adoption waits for a datum, or until Cz can keep its value. Empty for the model of the
-    /// profile; `None` if none waits.
+    /// Name of the model whose adoption waits: for the next datum (zero point of Cz), or until the adoption
+    /// would not move Cz. Empty for the model of the profile; `None` if no adoption waits.
     pub waiting: Option<String>,
     /// Whether the gateway adopts a better candidate automatically.
     pub auto: bool,

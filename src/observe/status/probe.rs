@@ -34,7 +34,8 @@ pub struct WorseStatus {
     pub without_um: f64,
     /// Root mean square of the error with the Cz of the model, µm.
     pub with_um: f64,
-    /// Whether Cz goes to zero until the model is no longer worse than no compensation.
+    /// Whether the gateway moves Cz to zero, and keeps it there while the model is worse than no
+    /// compensation.
     pub ramps: bool,
 }
 

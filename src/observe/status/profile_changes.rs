@@ -1,5 +1,5 @@
-//! Files of the profile that have changed on disk. The program that has loaded the profile compares the files with the
-//! loaded ones, and the status contains the names of the changed files.
+//! Files of the profile that have changed on disk. The program that has loaded the profile compares the files
+//! on disk with the loaded files. The status contains the names of the changed files.
 
 use std::sync::{Mutex, MutexGuard, PoisonError};
 

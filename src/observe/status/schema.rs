@@ -17,7 +17,7 @@ pub(super) fn shown(_: &mut SchemaGenerator) -> Schema {
     })
 }
 
-/// Schema of an explanation, which is both one sentence and its parts.
+/// Schema of an explanation: one sentence (`why`), and its parts `cause` and `hint`.
 pub(super) fn in_parts(_: &mut SchemaGenerator) -> Schema {
     json_schema!({
         "type": "object",

@@ -186,7 +186,8 @@ impl Server {
         Ok((done, None))
     }
 
-    /// Transfers the next segment of an upload or a download.
+    /// Transfers the next segment of an upload or a download. Returns the answer, or the object and the abort
+    /// code.
     fn segment(&mut self, command: u8, data: &[u8], objects: &mut Dictionary) -> Answered {
         let is_out = command >> 5 == 3;
         let going =

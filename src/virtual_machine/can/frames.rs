@@ -20,11 +20,12 @@ pub(crate) struct Image {
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct ReceivedValue {
     field: Field,
-    /// Addresses at which the device stores the value: its own, and the object at which a client can read it back.
+    /// Addresses at which the device stores the value: the address of the output, and the object at which a
+    /// client can read the value back.
     cells: Vec<Address>,
 }
 
-/// Content of a received frame, as far as one device uses it.
+/// Values of a received frame that one device uses.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) enum Delivery {
     /// The device does not use any value of this frame.

@@ -53,7 +53,7 @@ pub(crate) struct Node {
     server: Server,
     heartbeat: Option<Moment>,
     pdos: Vec<Pdo>,
-    /// Actions that the virtual CAN line has to execute for this node at its next call.
+    /// Actions of this node that the virtual CAN line has not executed yet.
     pub(crate) acts: Vec<NodeAction>,
 }
 
@@ -212,8 +212,8 @@ impl Node {
         request == Some(frame.id()) && self.state != State::Stopped
     }
 
-    /// Reverts the last write to an object. `objects` are the objects before this write. The timers that depend on the
-    /// object are set again.
+    /// Reverts the last write to an object. `objects` are the objects before this write. Timers that depend
+    /// on the object are restarted.
     pub(crate) fn undo(&mut self, at: Entry, objects: Dictionary, now: Moment) {
         self.objects = objects;
         self.has_changed(at, now);
@@ -230,8 +230,8 @@ impl Node {
         self.service(SDO_ANSWER, bytes)
     }
 
-    /// Sends an emergency message with this error code, and sets the error register accordingly. Code 0 means that no
-    /// error is present.
+    /// Sends an emergency message with this error code, and sets the error register to the kind of this
+    /// error. Code 0 means that no error is present.
     pub(crate) fn complain(&mut self, code: u16) {
         let register = match code >> 12 {
             0 if code == 0 => 0,

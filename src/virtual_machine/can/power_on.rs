@@ -17,8 +17,9 @@ use isotherm_profile::{CanDevice, DeviceId, Profile};
 /// types with this meaning; this is the first.
 const BY_CLOCK: u8 = 254;
 
-/// Returns the node of a device with its objects; `None` for a device that is not on a CAN line. Objects with initial
-/// values of their own are also stored in `bank`.
+/// Returns the node of a device with its objects; `None` for a device that is not on a CAN line. The node and
+/// `bank` get the same values of the objects that the profile uses. An initial value of the node is copied to
+/// `bank`. Any other value is copied from `bank`.
 pub(crate) fn node(profile: &Profile, id: DeviceId, bank: &mut Bank) -> Option<Node> {
     let device = profile.device(id);
     let can = device.can.as_ref()?;

@@ -104,8 +104,8 @@ impl Faults {
         })
     }
 
-    /// Returns the result of `what` for the first active fault of the device for which `what` has a result. Counts a
-    /// faulty reply for this fault.
+    /// Finds the first active fault of the device for which `what` returns `Some`, and returns this result.
+    /// Counts a faulty reply for this fault. Returns `None` if there is no such fault.
     fn strikes<T>(&mut self, device: DeviceId, now: Moment, what: impl Fn(&Kind) -> Option<T>) -> Option<T> {
         self.running.iter_mut().filter(|running| running.fault.device == device).find_map(|running| {
             let found = what(&running.fault.kind).filter(|_| running.is_active(now))?;

@@ -37,7 +37,8 @@ impl Hardware {
         self.faults.is_silent(self.units[self.unit_of[device.0]].device, now)
     }
 
-    /// Executes one call of a client that reads OPC UA nodes.
+    /// Executes one call of a client that reads OPC UA nodes. Returns the content of each node, and the fault
+    /// of the answer.
     pub(in crate::virtual_machine) fn read_nodes(
         &mut self,
         device: DeviceId,
@@ -55,7 +56,7 @@ impl Hardware {
         NodeReply { results, fault }
     }
 
-    /// Samples nodes for a subscription. A sample does not count as a call.
+    /// Returns the content of each node, for a subscription. Such a sample does not count as a call.
     pub(in crate::virtual_machine) fn sample_nodes(
         &mut self,
         device: DeviceId,
@@ -87,8 +88,8 @@ impl Hardware {
         values
     }
 
-    /// Executes one call of a client that writes OPC UA nodes. `None` stands for a written value that is not a number.
-    /// Returns the status of each write.
+    /// Executes one call of a client that writes OPC UA nodes. A value of `None` means that the client has
+    /// written a value that is not a number. Returns the status of each write.
     pub(in crate::virtual_machine) fn write_nodes(
         &mut self,
         device: DeviceId,

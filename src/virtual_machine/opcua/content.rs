@@ -37,8 +37,9 @@ fn single(part: &NodeValue) -> Option<Variant> {
     }
 }
 
-/// Returns an array with these elements. The elements that the profile does not name are zero. If one element is a
-/// text, all elements become texts.
+/// Returns an array with these elements. The elements that the profile does not name are zero. If one element
+/// is a text, all elements become texts. Returns `None` if an element has no value, or if the array is too
+/// large.
 fn array(node: &ServerNode, parts: &[NodeValue], lengths: &[u32]) -> Option<Variant> {
     let is_text = parts.iter().any(|part| matches!(part, NodeValue::Text(_)));
     let converted = |part: &NodeValue| match part {

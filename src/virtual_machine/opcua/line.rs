@@ -25,7 +25,7 @@ pub(super) enum Cut {
     None,
     /// The connection is closed.
     Close,
-    /// No request of the connection is answered any more.
+    /// The server answers no further request of the connection.
     Mute,
     /// The client gets random bytes.
     Garbage,
@@ -125,7 +125,8 @@ impl NodeLine {
         (values.iter().map(status).collect(), reply.fault)
     }
 
-    /// Delays or ends the answer to a call, as its fault requires.
+    /// Executes the fault of an answer: delays the answer, or sets the fault that replaces it on the
+    /// connections.
     pub(super) async fn obey(&self, fault: Option<ReplyFault>) {
         match fault {
             Some(ReplyFault::Late(delay)) => tokio::time::sleep(delay).await,

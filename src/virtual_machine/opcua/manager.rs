@@ -33,7 +33,7 @@ pub(super) struct NodesBuilder {
     pub(super) line: Arc<NodeLine>,
 }
 
-/// Nodes of a server. Each read, sample and write goes to the hardware.
+/// Nodes of a server. The virtual hardware executes each read, sample and write.
 pub(super) struct Nodes {
     line: Arc<NodeLine>,
     /// Index of each node in the node list of the server.

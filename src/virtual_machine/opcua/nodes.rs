@@ -71,8 +71,9 @@ impl ServerNode {
         size.filter(|size| *size <= MOST_ELEMENTS)
     }
 
-    /// Adds another mention of the node in the profile. Ignores it if it is known, or if it does not fit the first
-    /// mention: an array element and the whole node, or elements with another number of dimensions.
+    /// Adds another mention of the node in the profile. Ignores a mention that is already known, or that does
+    /// not fit the first mention. For example, the whole node does not fit an array element, and an element
+    /// does not fit an element with another number of dimensions.
     fn add(&mut self, part: Node) {
         let rank = |part: &Node| part.element.as_ref().map(|element| element.indices().len());
         let fits = self.parts.first().is_some_and(|first| rank(first) == rank(&part));
@@ -124,8 +125,9 @@ impl ServerNodes {
     }
 }
 
-/// Returns the URIs of the namespaces from index 1 on. First there is one URI for each index, up to the highest that
-/// the profile names. The URIs that the profile names follow.
+/// Returns the URIs of the namespaces from index 1 on. First there is one URI for each index, up to the
+/// highest that the profile names. The URIs that the profile names follow. The error is a sentence about an
+/// index that is too high.
 fn namespaces(nodes: &[ServerNode]) -> Result<Vec<String>, String> {
     let mut highest = 1;
     for node in nodes {

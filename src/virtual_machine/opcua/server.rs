@@ -1,4 +1,4 @@
-//! Connections of clients: their bytes are passed on to the library, until a fault replaces an answer.
+//! Connections of clients. The server forwards their bytes to the library, until a fault replaces an answer.
 
 use std::io;
 use std::sync::Arc;
@@ -14,7 +14,7 @@ use super::line::{Cut, NodeLine};
 use crate::virtual_machine::listener::{self, Switch};
 use crate::virtual_machine::random::stream;
 
-/// Maximum number of bytes that are passed on at once.
+/// Maximum number of bytes that are forwarded in one step.
 const PIECE: usize = 16 * 1024;
 /// Interval of the checks whether a silent device answers again.
 const SILENT: Duration = Duration::from_millis(20);
@@ -58,8 +58,9 @@ async fn relay(client: TcpStream, line: Arc<NodeLine>, library: Arc<Mutex<Librar
     pass_on(client, server, &line, (cuts, boots)).await
 }
 
-/// Passes bytes on between a client and the library, until one of the two closes the connection. `boots` is the number
-/// of starts of the device at the beginning. If the device is started again, the connection ends too.
+/// Forwards bytes between a client and the library, until one of the two closes the connection. `boots` is
+/// the number of starts of the device at the beginning. If the device is started again, the connection ends
+/// too.
 pub(super) async fn pass_on<S: AsyncRead + AsyncWrite>(
     client: S,
     server: S,

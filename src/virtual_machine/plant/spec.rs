@@ -140,7 +140,7 @@ pub(super) struct SensorSpec {
     pub(super) noise: f64,
 }
 
-/// Position of an axis that moves up and down: `middle + stroke/2 · sin(2π t / period)`, mm.
+/// Position of an axis that moves back and forth: `middle + stroke/2 · sin(2π t / period)`, mm.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct Position {
@@ -148,7 +148,7 @@ pub(super) struct Position {
     pub(super) signal: String,
     pub(super) middle: f64,
     pub(super) stroke: f64,
-    /// Time of one movement up and down, s.
+    /// Time of one movement back and forth, s.
     #[serde(deserialize_with = "seconds")]
     pub(super) period: f64,
 }
@@ -250,7 +250,7 @@ impl Stretch {
 }
 
 impl PlantSpec {
-    /// Parses a plant file. It may name files that belong to the shipped plants.
+    /// Parses a plant file. The plant file may name files that belong to the shipped plants.
     ///
     /// # Errors
     /// Same as for [`PlantSpec::parse_with`].
@@ -290,8 +290,8 @@ impl PlantSpec {
         Some(PlantSpec::parse(text))
     }
 
-    /// Returns the moment at which a virtual clock starts for this plant. It determines the hour of the day at the
-    /// start.
+    /// Returns the moment at which a virtual clock starts for this plant. This moment determines the hour of
+    /// the simulated day at the start of the run.
     pub fn start(&self) -> Moment {
         self.start
     }

@@ -108,7 +108,7 @@ impl Frame {
         if bytes.len() > 8 { None } else { Frame::of(id, false, bytes) }
     }
 
-    /// Creates a classic frame from an array, which is never too long: an array of more than eight bytes does not
+    /// Creates a classic frame from an array of at most eight bytes. A call with a longer array does not
     /// compile.
     pub fn short<const N: usize>(id: CanId, bytes: [u8; N]) -> Frame {
         const { assert!(N <= 8, "a classic frame has eight bytes at most") };

@@ -65,8 +65,8 @@ impl ControlView {
     ///
     /// - `meant` is the intended correction.
     /// - `centre` is the value without a correction: zero, the operator offset, or the position.
-    /// - `held` is the correction in the register now. A correction beyond the limit is allowed if it is not larger
-    ///   than `held`, because a register beyond the limit returns in steps.
+    /// - `held` is the correction in the register now. A correction beyond the limit is allowed if it is not
+    ///   larger than `held`, because the gateway returns a register from beyond the limit in steps.
     ///
     /// # Errors
     /// Returns why the registers must not be sent.
@@ -95,8 +95,9 @@ impl ControlView {
         Micron::new(value / self.per_micron)
     }
 
-    /// Returns the allowed deviation from the intended correction, µm: half a count for an integer, or the rounding of
-    /// a float. `size`: magnitude of the value.
+    /// Returns the allowed deviation from the intended correction, µm: half a count for an integer, or the
+    /// rounding of a float. `size`: sum of the absolute values of the value and of its centre, in the unit of
+    /// the output.
     fn slack(&self, size: f64) -> f64 {
         let data_type = self.encoding.data_type;
         let (count, digits) = match data_type.integer_range() {

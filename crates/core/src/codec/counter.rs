@@ -1,10 +1,11 @@
 //! Counters of linear scales: the position after a rollover, and the detection of a new reference (zero position of the
 //! scale).
 //!
-//! A counter of 16, 24 or 32 bits starts again after its last count. The difference of two counts, modulo the number of
-//! counts, is the motion in between. A difference larger than the axis can travel is not a motion. Either the value is
-//! corrupted, and the next value contradicts it. Or the counter was referenced, preset or restarted, and the next value
-//! confirms it. The functions are pure: the time of each reading is an argument.
+//! A counter, for example of 16, 24 or 32 bits, starts again after its last count. The difference of two
+//! counts, modulo the number of counts, is the motion in between. A difference larger than the axis can
+//! travel is not a motion. Either the value is corrupted, and the next value contradicts it. Or the counter
+//! was referenced, preset or restarted, and the next value confirms it. The functions are pure: the time of
+//! each reading is an argument.
 
 use std::time::Duration;
 

@@ -28,7 +28,7 @@ pub enum DataType {
     F64,
     /// One bit of a register; bit 0 is the least significant.
     Bit(u8),
-    /// Adjacent bits of one register or of two.
+    /// Adjacent bits of one or two registers.
     Part(Part),
     /// Two registers of a display with six digits. They contain a sign, the number of decimals (0 to 5) and a magnitude
     /// of 24 bits.
@@ -37,8 +37,9 @@ pub enum DataType {
     Bcd(u8),
     /// Sign and magnitude in this number of bits (16 or 32). The highest bit is the sign: 1 means a negative number.
     SignMagnitude(u8),
-    /// Unsigned integer of this number of bits (1 to 64), in a CAN frame, a CANopen object or registers. Widths with a
-    /// type of their own, such as [`DataType::U16`], use that type. Unused bits of the first register are ignored.
+    /// Unsigned integer of this number of bits (1 to 64), in a CAN frame, a CANopen object or registers. A
+    /// width that has a named type, such as [`DataType::U16`], uses the named type. Unused bits of the first
+    /// register are ignored.
     Unsigned(u8),
     /// Signed integer in two's complement, with this number of bits. In all other respects like [`DataType::Unsigned`].
     Signed(u8),

@@ -22,9 +22,9 @@ impl Element {
         &self.0
     }
 
-    /// Returns the index of the element in the list of the array's values, row by row. `values`: number of values in
-    /// the array. `dimensions`: lengths of an array with several dimensions. `None` if the array does not have the
-    /// element.
+    /// Returns the index of the element in the flat list of the array's values, in row-major order. `values`:
+    /// number of values in the array. `dimensions`: length of each dimension; `None` or empty for an array
+    /// with one dimension. `None` is returned if the array does not have the element.
     pub fn place(&self, values: usize, dimensions: Option<&[u32]>) -> Option<usize> {
         let place = match dimensions.filter(|dimensions| !dimensions.is_empty()) {
             None => match self.0.as_slice() {
@@ -56,8 +56,8 @@ impl fmt::Display for Element {
     }
 }
 
-/// Returns the number in a text, which may have blanks around it. The text must be a decimal number with a point, for
-/// example `-23.5` or `2.35e1`. `None` for any other text, also for a text with a comma or a unit.
+/// Parses a text that is a decimal number, for example `-23.5` or `2.35e1`. Blanks before and after the
+/// number are allowed. Returns `None` for any other text, also for a text with a decimal comma or a unit.
 pub fn number_in(text: &str) -> Option<f64> {
     let text = text.trim_matches([' ', '\t', '\r', '\n']);
     let is_part = |byte: u8| byte.is_ascii_digit() || matches!(byte, b'+' | b'-' | b'.' | b'e' | b'E');

@@ -1,12 +1,13 @@
-//! Fields of CAN frames. A field is a value: it is defined by the frames that contain it, its bits in these frames, and
-//! conditions on a multiplexer.
+//! Fields of CAN frames. A field is one value. Three properties define it: the frames that contain the value,
+//! the bits of the value in these frames, and conditions on a multiplexer. A multiplexer is a value that
+//! selects which fields a frame contains.
 
 use std::fmt;
 
 use super::{BitField, CanMatch, Encoded};
 use crate::reading::Reason;
 
-/// Value in CAN frames: the frames that contain it, and its bits in them.
+/// Value in CAN frames: the frames that contain it, and its bits in these frames.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub struct Field {
     /// Frames that contain the value.

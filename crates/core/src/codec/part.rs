@@ -1,11 +1,11 @@
-//! Part of a register: adjacent bits of one register, or of two, that hold a value of their own.
+//! Part of a register: adjacent bits of one or two registers that hold a separate value.
 //!
 //! Some devices put a value and its status into one register. An example is a temperature in bits 4 to 15, and flags in
 //! bits 0 to 3. Bit 0 is the least significant bit of the whole value, after word order and byte order were applied.
 
 use std::fmt;
 
-/// Adjacent bits of one register or of two, which hold one value.
+/// Adjacent bits of one or two registers, which hold one value.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Part {
     first: u8,
@@ -92,8 +92,8 @@ impl Part {
         }
     }
 
-    /// Returns the bits of registers in which the part holds the lowest bits of this count. All bits outside the part
-    /// are zero.
+    /// Shifts the lowest bits of this count to the position of the part in the registers. All other bits of
+    /// the result are zero.
     pub(super) const fn placed(self, count: u64) -> u64 {
         count << self.first & self.mask()
     }

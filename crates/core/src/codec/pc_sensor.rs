@@ -45,8 +45,9 @@ impl PcSensor {
         matches!(self, PcSensor::OneWire(id) if !id.starts_with(THERMOCOUPLE))
     }
 
-    /// Returns where the kernel shows the sensor, for messages: the path of a file or directory, and the name in it.
-    /// `root` is the directory of the sensors.
+    /// Returns the path at which the kernel shows the sensor, for messages. For hwmon and IIO, the path is a
+    /// directory, followed by the names of chip and channel. `root` is the directory of sysfs, usually
+    /// `/sys`.
     pub fn sought_in(&self, root: &str) -> String {
         let root = root.trim_end_matches('/');
         match self {

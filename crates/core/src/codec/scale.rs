@@ -2,8 +2,8 @@
 
 use super::float::same;
 
-/// Scale of a value. The structure also stores whether one unit is a whole number of counts. To find this out for each
-/// value would take two divisions.
+/// Scale of a value. The structure also stores the number of counts per unit if this number is whole. Its
+/// calculation for each value would require two divisions.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Scale {
     per_count: f64,

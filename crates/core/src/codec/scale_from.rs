@@ -40,8 +40,8 @@ impl ScaleFrom {
     /// Returns the power of ten in the registers.
     ///
     /// # Errors
-    /// [`Reason::NoScale`] if the number is beyond [`ScaleFrom::LARGEST`]. SunSpec sends -32768 for a value that the
-    /// device does not have.
+    /// [`Reason::BadReply`] if the registers hold no integer. [`Reason::NoScale`] if the number is beyond
+    /// [`ScaleFrom::LARGEST`]. SunSpec sends -32768 for a value that the device does not have.
     pub fn exponent(&self, registers: &[u16]) -> Result<i8, Reason> {
         let counts = self.encoding.counts(registers).ok_or(Reason::BadReply)?;
         let number = i8::try_from(counts.0).ok().filter(|number| ALLOWED.contains(number));
@@ -75,8 +75,9 @@ pub struct ScaleWatch {
 pub struct ScaleRead {
     /// Exponent for the values in the same answer, or the reason why these values cannot be used.
     pub together: Result<i8, Reason>,
-    /// Exponent for the values that were read between the previous exponent and this exponent, or the reason why they
-    /// cannot be used. `None` if the previous read gave no exponent, so that the scale of these values is unknown.
+    /// Exponent for the values that were read between the previous read and this read of an exponent, or the
+    /// reason why these values cannot be used. `None` if the scale of these values is unknown: an exponent is
+    /// in use, but the previous read gave no exponent.
     pub before: Option<Result<i8, Reason>>,
     /// Former and new exponent, if this read confirms a change.
     pub changed: Option<(i8, i8)>,
@@ -181,7 +182,8 @@ mod tests {
         assert_eq!(raw.decode_at(&[236], -1), Ok(-16.4));
     }
 
-    /// Exponent of the own answer, exponent of the values before it, and whether a change is reported.
+    /// Exponent for the values in the same answer, exponent for the values before this answer, and whether a
+    /// change is reported.
     type Read = (Result<i8, Reason>, Option<Result<i8, Reason>>, bool);
 
     /// Reads exponents in turn, and returns the result of each read.

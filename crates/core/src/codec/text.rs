@@ -34,7 +34,7 @@ const SUM: &str = "{sum}";
 const SUM_DIGITS: usize = 2;
 /// Number of decimals of a formatted number if the pattern does not state a number of decimals.
 const DECIMALS: u8 = 3;
-/// Largest number in `{skip 2}` and `{any 2}`: numbers or characters that one placeholder skips.
+/// Largest number in `{skip 2}`, `{any 2}` and `{number 8}`: numbers or characters of one placeholder.
 const LARGEST_COUNT: u16 = 200;
 /// Largest number of parts of a pattern.
 const MOST_PARTS: usize = 64;
@@ -57,7 +57,7 @@ pub struct TextValue {
 pub struct TextPattern {
     source: String,
     parts: Vec<Part>,
-    /// Decimal point of all numbers in the line.
+    /// Decimal separator of all numbers in the line: a point or a comma.
     point: char,
     /// Whether the line ends with a checksum.
     has_sum: bool,
@@ -74,7 +74,7 @@ enum Part {
     },
     /// Skips this many numbers of the line, which are not used.
     Skip(u16),
-    /// Skips exactly this many characters, whatever they are. With `None`, skips any number of characters.
+    /// Skips exactly this many characters of any kind. With `None`, skips any number of characters.
     Any(Option<u16>),
 }
 
@@ -154,7 +154,8 @@ impl TextPattern {
         }
     }
 
-    /// Returns the number at this position. Returns `None` if it could be a part of a longer number.
+    /// Returns the number at this position. Returns `None` if there is no number, or if the number could be a
+    /// part of a longer number.
     fn number(&self, is_before_any: bool, line: &[char], (at, before): (usize, Before)) -> Option<Number> {
         let is_of_number =
             |character: &char| character.is_ascii_digit() || matches!(character, '.' | ',' | '+' | '-');
@@ -185,8 +186,10 @@ impl TextPattern {
         self.ended(line)
     }
 
-    /// Returns a line with all these values, one after the other, for a virtual device. Each value is read by a pattern
-    /// of this form that skips the values before it. Returns `None` if the pattern has another form.
+    /// Returns a line with all these values, one after the other, for a virtual device. A pattern such as
+    /// `>{skip 2}{number}{any}` then reads one of the values and skips the values before it. Returns `None`
+    /// unless the pattern consists of literal text, `{skip N}`, the number, and `{any}` or `{skip N}`, in
+    /// this order. All parts except the number may be missing.
     pub fn line_of_all(&self, values: &[f64]) -> Option<String> {
         let (literal, parts) = match self.parts.as_slice() {
             [Part::Literal(literal), parts @ ..] => (literal.as_slice(), parts),

@@ -1,7 +1,7 @@
-//! One axis: its models, the limiters of Cz and slope (guards), and its state. Cz is the compensation value, which is
-//! added to the position of the axis. The slope is the part of the compensation that depends on the position. The envelope of
-//! a model is the region of inputs on which the model was identified. A stand-in is an estimate that replaces the
-//! reading of a rejected sensor.
+//! One axis: its models, the limiters of Cz and slope (guards), and its state. Cz is the compensation value,
+//! which is added to the position of the axis. The slope is the part of the compensation that depends on the
+//! position. The envelope of a model is the region of inputs on which the model was identified. A stand-in is
+//! an estimate that replaces the reading of a rejected sensor.
 
 use std::time::Duration;
 
@@ -31,7 +31,7 @@ pub(super) struct Axis {
     /// Whether the axis has models, and none of them reads a signal. The steps of such an axis do not update the state
     /// of the machine.
     pub(super) reads_nothing: bool,
-    /// For each model: the lag of each of its inputs that may lag, in the order of `Model::rises`.
+    /// For each model: the lag of each input that may have a lag, in the order of `Model::rises`.
     lags: Vec<Vec<Lag>>,
     /// For each model: the check of its sensors, with the rejected sensors and their stand-ins.
     watched: Vec<ModelWatch>,
@@ -176,8 +176,8 @@ impl Axis {
         self.restart_watches(now);
     }
 
-    /// Returns whether the axis must compute a decision now. It must if its period is over, if it never ran, if time
-    /// went back, or if its control has a new demand.
+    /// Returns whether the axis must compute a decision now: its period is over, it never ran, time went
+    /// back, or its control has a new demand.
     pub(super) fn is_due(&self, now: Moment, control: &Control) -> bool {
         let (Some(due), Some(last)) = (self.due, self.stepped) else { return true };
         let is_new = control.permit != self.permit || control.trust;
@@ -350,8 +350,8 @@ impl Axis {
         }
     }
 
-    /// Returns the time of the axis's next step: the next tick of its period or, if earlier, the end of the time for
-    /// which the axis keeps its Cz after a fault. `is_checked`: the operator checks the sign.
+    /// Returns the time of the axis's next step. This is the next tick of the period or, if earlier, the end
+    /// of the time for which the axis keeps its Cz after a fault. `is_checked`: the operator checks the sign.
     fn next_due(&self, now: Moment, is_checked: bool) -> Moment {
         // The operator waits at the machine: the axis moves as fast as it may.
         let period = if is_checked { self.settings.ramp_period() } else { self.period() };

@@ -91,9 +91,9 @@ impl Model {
         Model { name, kind, envelope: None, expected: None, stand_ins: None }
     }
 
-    /// Returns the inputs that may lag, in the order of their [`Lag`]s. A linear model returns the inputs of its terms,
-    /// then the inputs of its slope's terms. A matrix returns the inputs of its blocks (parts of the structure), a
-    /// network all its inputs.
+    /// Returns the inputs that may have a lag, in the order of their [`Lag`]s. A linear model returns the
+    /// inputs of its terms, then the inputs of its slope's terms. A matrix returns the inputs of its blocks
+    /// (parts of the structure), a network all its inputs.
     pub fn rises(&self) -> impl Iterator<Item = &Input> {
         self.kind.model().lagging().into_iter()
     }

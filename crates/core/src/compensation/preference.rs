@@ -1,9 +1,10 @@
 //! Preferred model of an axis: its first model in the profile, or a model that was learned from touches while the gateway
 //! ran. A touch is the result of one probing.
 //!
-//! An axis that learns has one more model, the slot. The slot has a term for each input of a learned model, so that its
-//! lags follow the temperatures from the start. Its gains are zero and no value of it is used until a learned model is
-//! adopted: then the slot gets the gains, and is preferred. The models of the profile become its fallbacks.
+//! An axis that learns has one more model, the slot. The slot has a term for each input of a learned model,
+//! so that its lags follow the temperatures from the start. The gains of the slot are zero, and its value is
+//! not used, until a learned model is adopted. Then the slot gets the gains of the learned model and becomes
+//! the preferred model. The models of the profile become its fallbacks.
 //!
 //! ```text
 //! preferred: the profile's first model ──(adopt)──► slot with gains A ──(adopt)──► slot with gains B
@@ -16,14 +17,14 @@
 //! | [`When::Now`] | in the first step in which Cz can be kept |
 //! | [`When::AtDatum`] | in the step in which a datum (zero point of Cz) of the axis is complete, if Cz can be kept |
 //!
-//! A datum is a capture of the references of the preferred model or of the slot, such as a machine start. On an axis with
-//! the datum "zero", only a zero command captures one.
+//! A datum is a capture of the references of the preferred model or of the slot, such as a machine start. On
+//! an axis with the datum "zero", only a zero command captures a datum.
 //!
-//! Cz stays the same at a change: the correction of the new model becomes the offset that keeps Cz. With the datum
-//! "zero", its zero point becomes the value that keeps Cz. A change waits while the offset would exceed the limit of
-//! the probe. It also waits while the present or the new model has no value or is outside its envelope. It waits too
-//! while a stand-in replaces a sensor. If Cz is zero because the present model is worse than no compensation, it stays
-//! zero at the change.
+//! Cz stays the same at a change: the correction of the new model becomes the offset that keeps Cz. With the
+//! datum "zero", the zero point of the new model becomes the value that keeps Cz. A change waits while the
+//! offset would exceed the limit of the probe. It also waits while the present or the new model has no value
+//! or is outside its envelope. It waits too while a stand-in replaces a sensor. If Cz is zero because the
+//! present model is worse than no compensation, Cz stays zero at the change.
 //!
 //! A saved preference belongs to the models of the profile. If these models change, the preference is discarded.
 

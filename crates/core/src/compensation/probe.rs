@@ -1,7 +1,8 @@
 //! Probings: correction of an axis's models with measured errors.
 //!
-//! A probing measures the error e that remains while a Cz acts in the machine. The Cz that would have left no error is
-//! `Cz_acting − e`. The residual r is the difference between that Cz and the model's:
+//! A probing measures the error e that remains while a Cz acts in the machine. The Cz that would have left no
+//! error is `Cz_acting − e`. The residual r is the difference between this Cz and the Cz of the model with
+//! its correction:
 //!
 //! ```text
 //! r = (Cz_acting − e) − (model's Cz + correction)        correction += K · r        |correction| ≤ limit
@@ -9,9 +10,9 @@
 //!
 //! The factor K is a fixed number, or depends on the certainty of the correction.
 //!
-//! If the acting Cz was the one that the model requested, `r = −e`. If it was another one, the difference is not
-//! counted as an error of the model. Reasons are a ramp after arming, a limit, or a constant register while the axis is
-//! off.
+//! If the acting Cz was the Cz that the model requested, `r = −e`. If another Cz acted, the difference
+//! between the two is not counted as an error of the model. Another Cz acts, for example, during a ramp after
+//! arming, at a limit, or while the axis is off and the register is constant.
 //!
 //! # Rules
 //! - The correction is added to the raw Cz, before the limits of the axis. Therefore it reaches the register in steps.
@@ -19,7 +20,7 @@
 //!   fallback model is also corrected. A model whose envelope holds or reduces its value is not corrected while its
 //!   inputs are outside.
 //! - A residual beyond `max_error` is rejected. A residual that is too large for the certainty of the model's
-//!   correction waits for a second one that agrees with it.
+//!   correction waits for a second residual that agrees with it.
 //! - The residuals of a model scale its expected error.
 //! - If a reference of the model is captured again (a zero command, a machine start), its correction starts from zero.
 //!   The new datum (zero point of Cz) contains the error that the old correction had corrected. Corrections of gains
@@ -57,7 +58,8 @@ const KEPT: usize = 48;
 pub struct Measured {
     /// Measured error: actual minus commanded position.
     pub error: Micron,
-    /// Verified Cz that acted in the machine during the measurement; `None` stands for the last decision of the axis.
+    /// Verified Cz that acted in the machine during the measurement; `None` means the Cz of the last decision
+    /// of the axis.
     pub acting: Option<Micron>,
 }
 

@@ -188,7 +188,7 @@ shifted!(Remembered: machine, axes, running);
 shifted!(AxisMemory: lags, datum_until, datum_at, probe, watches);
 shifted!(KeptLag: lagged);
 
-/// Time between two runs of the gateway. The wall clock gives it if the clock is valid.
+/// Time between two runs of the gateway, by the wall clock. The time is unknown if the clock is not valid.
 ///
 /// The lags continue over this time, because temperatures change while the gateway is stopped. The running time of the
 /// machine does not continue: after a day off, the gateway does not know whether the machine was on.
@@ -202,8 +202,8 @@ impl Stop {
     /// Longest accepted time between two runs.
     pub const LONGEST: Duration = Duration::from_hours(30 * 24);
 
-    /// Returns the time from `kept`, when the state was saved, to `now`, both by the wall clock. A negative or too long
-    /// time is rejected.
+    /// Returns the time from `kept`, when the state was saved, to `now`, both by the wall clock. A time that
+    /// is negative, or longer than [`Stop::LONGEST`], counts as unknown.
     pub fn between(kept: Moment, now: Moment) -> Stop {
         let span = now.since(kept);
         Stop { by_the_clock: (now >= kept && span <= Stop::LONGEST).then_some(span) }

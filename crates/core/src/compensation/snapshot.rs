@@ -24,7 +24,7 @@ impl<'a> Snapshot<'a> {
         Snapshot { now, readings, substitutions: &[], is_followed: false }
     }
 
-    /// Returns the snapshot with a mark. The mark means that the lags of all models have already been updated with this
+    /// Returns the snapshot, marked as followed: the lags of all models have already been updated with this
     /// snapshot.
     #[must_use]
     pub fn followed(self) -> Snapshot<'a> {

@@ -1,39 +1,43 @@
 //! Detection of frozen sensors, and stand-ins (estimates from other sensors) for frozen and lost sensors. A step is
 //! pure, and allocates no memory.
 //!
-//! Notation: x̂ is the rise of a sensor that its predictors (other sensors) predict, as the mean of a minute. s is the
-//! time at which the sensor's reading last changed, and y the reading at that time. If the machine does not change, the
-//! predictors predict no change. A constant reading is suspected to be frozen only if
+//! Notation: x̂ is the rise of a sensor, predicted from other sensors (its predictors), as the mean of a
+//! minute. s is the time at which the sensor's reading last changed, and y the reading at that time. If the
+//! machine does not change, the predictors predict no change. A constant reading is suspected to be frozen
+//! only if
 //!
 //! ```text
 //! D = |x̂(now) − x̂(s)| > θ          0 while the reading changed less than 3 min ago
 //! ```
 //!
-//! The sensor is suspected after three such minutes in a row. The suspicion is reported, and the reading is still used.
-//! Then the value `y + x̂ − x̂(s)` replaces the reading if this changes the axis's target by at most one step of the
-//! axis. The lags of the sensor's terms are then replaced by lags that have followed this value since s. For this
-//! purpose, each lag has a shadow. The shadow is set to the lag at every change of the reading, and follows the
-//! prediction in between. A lost sensor is replaced from its last good reading on. If it was already lost when the
-//! machine started, x̂ is its rise.
+//! The sensor is suspected after three consecutive minutes with D > θ. The suspicion is reported, and the
+//! reading is still used. Then the value `y + x̂ − x̂(s)` replaces the reading if this changes the axis's
+//! target by at most one step of the axis. The lags of the sensor's terms are then replaced by lags that have
+//! followed this value since s. For this purpose, each lag has a shadow. The shadow is set to the lag at
+//! every change of the reading, and follows the prediction in between. A lost sensor is replaced from its
+//! last good reading on. If the sensor was already lost when the machine started, x̂ itself is used as its
+//! rise.
 //!
 //! # Rules
-//! - A suspicion alone never puts an axis on hold. The reading of a suspected sensor without a stand-in is used for
-//!   everything except the predictions of other sensors. The same applies to models whose own watch has no stand-in for
-//!   the sensor.
-//! - The reading of a sensor with a stand-in is not used. The reading of a lost sensor is not used until the sensor is
-//!   accepted again. If a lost sensor has no stand-in, its lags wait, no probing corrects the model, and no reference
-//!   is captured from the sensor.
+//! - A suspicion alone never puts an axis on hold. The reading of a suspected sensor without a stand-in is
+//!   used for everything except the predictions of other sensors. A model whose own watch has no stand-in for
+//!   a frozen sensor also uses the reading.
+//! - The reading of a sensor with a stand-in is not used. The reading of a lost sensor is not used until the
+//!   sensor is accepted again. If a lost sensor has no stand-in, the lags of its terms are not updated, no
+//!   probing corrects the model, and no reference is captured from the sensor.
 //! - A stand-in is never part of another stand-in. A suspected, frozen or lost sensor only contributes to the detection
 //!   of frozen sensors, so that a second frozen sensor is found.
 //! - A stand-in depends on at least two other sensors. These sensors and the stand-in must be inside the ranges on
 //!   which the model was identified. The envelope gives a range for each input. The Mahalanobis distance of the
 //!   envelope is ignored, because a frozen sensor changes it.
-//! - A sensor is not suspected while one of its predictors is beyond its range. It is not suspected either while it or
-//!   a lagged predictor is beyond its range by more than a tenth. During this time, a frozen sensor keeps the last
-//!   stand-in from inside, because its own reading is older.
-//! - The mean of a minute uses the readings that were present. A prediction ends with the first whole minute in which
-//!   one of its predictors had no reading. It also ends after two minutes without a check. For a frozen sensor, the
-//!   last prediction is used for ten more minutes; then its reading is used again.
+//! - A sensor is not suspected while one of its predictors is beyond its range. A sensor is also not
+//!   suspected while the sensor itself or a lagged predictor is beyond its range by more than a tenth of the
+//!   range. During this time, a frozen sensor keeps its last stand-in from inside the ranges, because its own
+//!   reading is older.
+//! - The mean of a minute uses the readings that were present. A prediction ends with the first whole minute
+//!   in which one of its predictors had no reading. A prediction also ends if the readings were not checked
+//!   for two minutes, or for two periods of the axis if this time is longer. For a frozen sensor, the last
+//!   prediction is used for ten more minutes; then its reading is used again.
 //! - A sensor has no prediction while a lag on which the prediction depends is not settled. A lag that began on a warm
 //!   machine is settled after five of its time constants.
 //! - A sensor with a stand-in is accepted again if its reading has changed and stayed within θ of the prediction for an
@@ -66,7 +70,8 @@ use serde::{Deserialize, Serialize};
 
 /// Time over which the mean of a prediction is calculated.
 const MINUTE: Duration = Duration::from_secs(60);
-/// Maximum time between two checks of the readings. After a longer pause, earlier predictions are discarded.
+/// Maximum time between two checks of the readings, unless two periods of the axis are longer. After a longer
+/// pause, earlier predictions are discarded.
 const PAUSE: Duration = Duration::from_secs(2 * 60);
 
 /// Sensor whose reading is replaced by a stand-in, an estimate from other sensors.
@@ -137,7 +142,8 @@ pub(super) struct Watch {
     tried: (Vec<Substitution>, Vec<Lag>),
 }
 
-/// Limits for the effect of a substitution on the target of the axis, and how the effect is computed.
+/// Limit for the effect of a substitution on the target of the axis, and the function that computes this
+/// effect.
 #[derive(Clone, Copy)]
 pub(super) struct Bounds<'a> {
     /// Largest change of the axis's target, µm, that a substitution may cause: one step of the axis.

@@ -13,13 +13,14 @@
 //! ```
 //!
 //! # Theory of operation
-//! An axis that is off decides nothing, and the register value does not change. When the axis is armed, it takes over
-//! the register value. The first decision is therefore one step from that value. The axis follows a model, within the
-//! limits of its Cz, while the model can be used and the last write was verified. If it follows a fallback model, its
-//! state shows this. If no model can be used or a write was not verified, the axis keeps its value. Then it runs the
-//! fault action of the profile. When the axis recovers, the same limits apply to its changes. A model that requests
-//! more than the error level cannot be used until the axis is armed again. When the gateway stops, the fault action
-//! runs without its waiting time. An axis that is off stays off.
+//! An axis that is off decides nothing, and the register value does not change. When the axis is armed, it
+//! takes over the register value. The first decision is therefore at most one step from the value that was
+//! taken over. The axis follows a model, within the limits of its Cz, while the model can be used and the
+//! last write was verified. If the axis follows a fallback model, its state is `Degraded`. If no model can be
+//! used or a write was not verified, the axis keeps its value. Then it runs the fault action of the profile.
+//! When the axis recovers, the same limits apply to its changes. A model that requests more than the error
+//! level cannot be used until the axis is armed again. When the gateway stops, the fault action runs without
+//! its waiting time. An axis that is off stays off.
 
 use std::fmt;
 
@@ -36,7 +37,8 @@ pub enum AxisState {
     Off,
     /// The axis follows its preferred model.
     Active,
-    /// The axis follows a fallback model, because the preferred model cannot be used.
+    /// The axis follows a fallback model, or its preferred model with a stand-in (estimate) for a frozen or
+    /// lost sensor.
     Degraded,
     /// The axis has kept its last Cz since this moment.
     Holding(Moment),

@@ -109,8 +109,8 @@ impl RateFilter {
         }
     }
 
-    /// Records a value that is not used yet, because it may be a value of another device. The first such value after a
-    /// break ends the time without a value, like a rejected one. A later one changes nothing.
+    /// Records a value that is not used yet, because it may be a value of another device. The first value
+    /// after a break ends the time without a value, as a rejected value does. Later values change nothing.
     pub fn hold_back(&mut self, value: f64, at: Moment, rate: f64, breaks: u64) {
         if self.breaks != breaks {
             self.reject(value, at, rate, breaks);
@@ -141,8 +141,9 @@ impl RateFilter {
         self.jump.is_some()
     }
 
-    /// Discards the last good value of this run, because it may be a value of another device. Later values are then
-    /// compared with none. A jump across a break is kept.
+    /// Discards the last good value of this run, because it may be a value of another device. The next value
+    /// is then accepted without a comparison. A jump across a break is kept: later values are still compared
+    /// with the value before the break.
     pub fn forget_good(&mut self) {
         if self.good.take().is_some() && self.jump.is_none() {
             self.last = None;

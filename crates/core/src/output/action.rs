@@ -36,7 +36,8 @@ impl Default for Action {
 }
 
 impl Action {
-    /// Returns a copy in which `to` is applied to the moment of the action, if the action has one.
+    /// Returns a copy in which `to` is applied to the moment of the action, if any. Two states that differ
+    /// only in time can then be compared.
     pub(super) fn moved(self, to: impl Fn(Moment) -> Moment) -> Action {
         match self {
             Action::Nothing { until } => Action::Nothing { until: to(until) },

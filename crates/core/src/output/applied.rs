@@ -50,7 +50,8 @@ impl Applied {
         self.shown == AppliedState::Applied
     }
 
-    /// Records the applied value. Returns true if it equals the register value within the tolerance.
+    /// Records the applied value `found`, in thousandths of a count; `None` if the value is not a number.
+    /// Returns true if the applied value equals the register value within the tolerance.
     pub(super) fn read(&mut self, found: Option<i64>, asked: Moment, settings: &AppliedSettings) -> bool {
         self.read_at = Some(asked);
         let held = self.value.map(|known| known.value.0.saturating_mul(1000));

@@ -1,14 +1,15 @@
 //! Controller of one output. It decides what is sent to the register, when it is sent, and what the results mean.
 //!
-//! [`step`](super::step) decides about the register. The controller works in *turns*: the task of the bus line gives
-//! the output a turn, which lasts from [`Input::Demand`](super::Input::Demand) to
-//! [`Input::TurnEnds`](super::Input::TurnEnds). The controller decides about everything around the register:
+//! The function [`step`](super::step) chooses the next exchange with the register or the disk. The controller
+//! works in *turns*: the task of the bus line gives the output a turn, which lasts from
+//! [`Input::Demand`](super::Input::Demand) to [`Input::TurnEnds`](super::Input::TurnEnds). The controller
+//! makes the other decisions:
 //! - which decision of the axis the register step receives;
 //! - when the axis resumes from the register value;
 //! - what a failure means;
 //! - what the interlock, the applied value and the set of the output allow.
 //!
-//! The caller gives inputs and executes actions. It decides nothing.
+//! The caller passes inputs and executes actions, but makes no decisions.
 //!
 //! ```text
 //! Demand ─► action ─► exchange ─► result ─► action ─► … ─► Nothing ─► TurnEnds
@@ -119,7 +120,7 @@ impl Controller {
         &self.state
     }
 
-    /// Returns the state of the register, mutable for the end of a run.
+    /// Returns the state of the register, which the caller changes at the end of a run.
     pub fn state_mut(&mut self) -> &mut State {
         &mut self.state
     }

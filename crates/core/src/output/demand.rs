@@ -49,7 +49,8 @@ pub enum Mode {
     Follow,
     /// The axis keeps its offset, so no change is requested.
     Hold,
-    /// The axis carries out a fault action or a stop, returns to an earlier Cz, or writes a constant.
+    /// The axis carries out a fault action or a stop, returns to an earlier Cz (compensation value), or
+    /// writes a constant.
     Finish,
 }
 
@@ -88,7 +89,7 @@ pub enum Input {
         /// Time at which the read request was sent.
         asked: Moment,
     },
-    /// News about the set to which the output belongs: whether the control has taken its last values.
+    /// Whether the control has taken the last values of the set to which the output belongs.
     Set(SetCommit),
     /// The turn of the output (the work of the bus line's task on it) ends. Exchanges that are still pending are
     /// dropped.

@@ -135,13 +135,14 @@ impl Event {
 pub enum Doubt {
     /// The register changed while a write of the gateway was under way.
     ChangedMeanwhile,
-    /// The register value is a change of the operator, or a very late write of the gateway.
+    /// The register value was set by the operator, or by a very late write of the gateway.
     YoursOrOurs,
-    /// The register fell to zero, which a write of the gateway would also have caused.
+    /// The register fell to zero: the CNC was restarted, or a write of the gateway has arrived.
     ZeroOrOurs,
-    /// The CNC was restarted, and the register holds another value since.
+    /// The CNC was restarted, and the register then held neither zero nor the expected value.
     Rebooted,
-    /// Twice in a row, an unanswered write was followed by a change of exactly its size.
+    /// Twice in a row, a write was not acknowledged, and the register then changed by exactly the difference
+    /// that the write should have caused.
     LikeOurOwn,
     /// Twice in a row, the register held another value than the gateway had written and the device had acknowledged.
     Unsteady,

@@ -10,7 +10,7 @@ use crate::quantity::{Counts, Moment};
 pub enum Fact {
     /// No new event: [`step`](super::step) is called at the time that it requested.
     Look,
-    /// The axis has decided about the offset that the register must contain.
+    /// The axis has decided which offset the register must contain.
     Decided {
         /// Offset in counts, without the bias (register value for an offset of zero). For a shared register: the
         /// gateway share (part of the value that the gateway adds).
@@ -64,7 +64,7 @@ pub enum Fact {
     Restarted,
     /// The interlock opened: nothing may be written.
     Interlocked,
-    /// The interlock closed again.
+    /// The interlock closed again: the register may be written.
     Released,
     /// The output was armed. The caller gives this fact after the first read of the register.
     Armed {

@@ -33,7 +33,8 @@ pub enum Cause {
 }
 
 impl Follow {
-    /// Requests that the axis resume from the verified register value. A cause that was recorded before stays.
+    /// Requests that the axis resume from the verified register value. A cause that was recorded earlier is
+    /// kept.
     pub(super) fn take_over(&mut self) {
         if !matches!(self, Follow::TakeOver(_)) {
             *self = Follow::TakeOver(Cause::Other);

@@ -1,5 +1,5 @@
-//! Values that were sent and may still arrive at the register, and the values that may be sent before they have
-//! arrived.
+//! Values that were sent and may still arrive at the register, and the range of the values that may be sent
+//! meanwhile.
 //!
 //! A sent value is **under way** until one of these events:
 //!
@@ -45,7 +45,8 @@ pub struct InFlightWrite {
     pub is_pinned: bool,
 }
 
-/// Write without an answer whose longest delay is over. The value is still recognised in the register for a while.
+/// Write without an answer whose longest delay is over. If its value appears in the register before `until`,
+/// the gateway still recognises this write.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub struct ExpiredWrite {
     /// Register value of the write, including the operator offset of a shared register.

@@ -12,8 +12,8 @@ pub(super) enum Meaning {
     First,
     /// The register holds the expected value.
     Same,
-    /// Value of a write of the gateway, sent at `sent`. `is_late`: a read after the sending had not shown the value
-    /// yet.
+    /// Value of a write of the gateway that was sent at `sent`. `is_late`: a read after that time did not yet
+    /// show the value.
     Ours { sent: Moment, is_late: bool },
     /// Unexpected value soon after a start of the gateway. It may come from a late write of the previous run.
     FromBefore,
@@ -95,10 +95,9 @@ fn shared(state: &State, settings: &Settings, expected: Counts, found: Counts, a
     }
 }
 
-/// Calculates the gateway share in the value `found`, assuming that the operator offset is unchanged. Returns whether
-/// this share is larger than the limit and than the present gateway share. Two causes are possible. The operator has
-/// entered a value that the gateway sent with another operator offset. Or this write of the gateway has arrived, and
-/// undone the operator's change.
+/// Returns whether `found` minus the operator offset exceeds both the limit and the present gateway share.
+/// Two causes are possible. The operator has entered a value that the gateway sent with another operator
+/// offset. Or this write of the gateway has arrived, and has overwritten a change by the operator.
 fn is_no_share(state: &State, settings: &Settings, found: Counts) -> bool {
     state.account.is_some_and(|account| {
         let share = found.abs_diff(account.base);
@@ -112,8 +111,8 @@ fn ours(state: &State, settings: &Settings, found: Counts) -> Option<Meaning> {
     Some(Meaning::Ours { sent: sent.at, is_late })
 }
 
-/// Returns whether a write may have arrived since the last read, and the operator may then have changed the value. The
-/// operator offset would then be wrong by one step.
+/// Returns whether an unanswered write may have arrived after the last read, and the operator may then have
+/// changed the value before this read. The operator offset would then be wrong by one step.
 fn hides_a_step(state: &State, settings: &Settings, expected: Counts, asked: Moment) -> bool {
     let mut others =
         state.copies.under_way().filter(|sent| sent.answered.is_none() && sent.value != expected);

@@ -304,7 +304,7 @@ mod tests {
         }
     }
 
-    /// Shows the failure without the rule: each attempt has the number after the one sent last.
+    /// Shows why the number must not advance with each attempt: the control then never accepts a set again.
     #[test]
     fn a_number_that_advances_with_each_attempt_leaves_a_control_behind_for_good() {
         let mut control = Control { kind: Kind::NextOnly, number: 6, values: 0 };
@@ -312,7 +312,7 @@ mod tests {
         assert!((sent..sent + 1000).all(|number| !control.sees(number + 1, 1)));
     }
 
-    /// One attempt every 1.5 s.
+    /// Simulates one attempt every 1.5 s.
     #[test]
     fn an_acknowledge_that_is_missing_for_an_hour_brings_69_numbers() {
         let mut numbers = Numbers::after(6);

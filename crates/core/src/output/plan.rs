@@ -21,7 +21,8 @@ enum Aim {
     Blocked,
 }
 
-/// Chooses the next action and records it. `fresh` is the request time of a read that has just shown nothing new.
+/// Chooses the next action and records it. `fresh` is the request time of a read that has just shown the
+/// expected value; `None` if there was no such read.
 pub(super) fn act(state: &mut State, settings: &Settings, fresh: Option<Moment>, now: Moment) -> Action {
     match state.pending_action {
         PendingAction::Nothing => {}
@@ -80,8 +81,9 @@ pub(super) fn act(state: &mut State, settings: &Settings, fresh: Option<Moment>,
     Action::Nothing { until: until(state, settings, aim, now) }
 }
 
-/// Chooses the action if a request with the values of other outputs is sent. The register value of this output is sent
-/// in the same request, unchanged. It is not sent if a late write could then be too far from it.
+/// Chooses the action if a request with the values of other outputs is sent. The register value of this
+/// output is sent in the same request, unchanged. If a late write could then move the register by more than
+/// one step, the value is not sent.
 pub(super) fn piggyback(state: &mut State, settings: &Settings, now: Moment) -> Action {
     let Some(seen) = state.verified.filter(|_| state.pending_action == PendingAction::Nothing) else {
         return Action::Nothing { until: Moment::END };
@@ -95,8 +97,8 @@ pub(super) fn piggyback(state: &mut State, settings: &Settings, now: Moment) -> 
     Action::Nothing { until: until(state, settings, None, now) }
 }
 
-/// Limits the writes to disk. A register that can be read and is not shared needs no saved value. For such a register,
-/// only the start of the run is saved, before the first write.
+/// Limits the writes to disk. A register that can be read and is not shared needs no saved value. For such a
+/// register, the gateway only saves, before the first write, that this run writes to the register.
 fn saves_only_what_it_must(state: &mut State, settings: &Settings) {
     let has_to_begin = !state.disk.has_begun && state.standing == ArmState::Armed;
     state.disk.is_unsaved &= settings.promises() || has_to_begin;
@@ -130,8 +132,9 @@ pub(super) fn is_there(state: &State, settings: &Settings, current: Counts, offs
     current == target || (avoids(settings, centre, target) && current.abs_diff(target) == 1)
 }
 
-/// Returns the lowest and the highest value that a write may have: between the register value and the target. One count
-/// more is allowed if the target is a zero to avoid. Without a target the whole range is allowed.
+/// Returns the lowest and the highest value that a write may have: between the register value and the target.
+/// One more count is allowed beyond a target that is a zero to avoid. Without a target, the whole range of
+/// the register is allowed.
 fn way(state: &State, settings: &Settings, current: Counts, order: Setpoint) -> (Counts, Counts) {
     let Some(target) = order.target.filter(|_| settings.rules.has(Rule::NoWindup)) else {
         return settings.range;
@@ -209,8 +212,8 @@ fn note_waiting(state: &mut State, settings: &Settings, aim: Option<Aim>, now: M
     }
 }
 
-/// Saves the value to disk before its write (as a promise), if that is necessary, or else writes it to the register.
-/// Called directly after a read that showed nothing new.
+/// Chooses the next action to send `value`: first to save the value to disk as a promise, if that is
+/// necessary, then to write it. If the register can be read, the caller has just read the expected value.
 fn send(state: &mut State, settings: &Settings, value: Counts, asked: Moment, now: Moment) -> Action {
     if settings.promises() && (state.promised != Some(value) || state.disk.is_unsaved) {
         if state.promised != Some(value) {
@@ -255,8 +258,8 @@ fn repeats(state: &State, settings: &Settings, aim: Option<Aim>, now: Moment) ->
         && is_repeatable(state, settings, seen)
 }
 
-/// Returns whether the register value may be sent again. The condition is that a late write that arrives after it
-/// changes the register by one step at most.
+/// Returns whether the register value may be sent again. A late write that arrives after this repetition must
+/// change the register by one step at most.
 fn is_repeatable(state: &State, settings: &Settings, seen: TimedValue) -> bool {
     let room = state.copies.room(seen.value, settings.step, settings.step);
     room.contains(seen.value) || !settings.rules.has(Rule::NearCopies)

@@ -1,5 +1,6 @@
-//! Controller of a corrected position: value of each write, and meaning of the result of the write. A *turn* is one
-//! call of the controller by the task of the bus line, with its action and result.
+//! Controller of a corrected position: a position that was read, plus Cz (the compensation value). The
+//! controller chooses the value of each write, and interprets the result of the write. A *turn* is one call
+//! of the controller by the task of the bus line, with its action and result.
 //!
 //! The latest position is sent at once in every armed state, even while the axis is frozen. Only its Cz follows the
 //! rules in [`PositionCz`].
@@ -10,7 +11,7 @@
 //! | no new position | nothing |
 //! | an axis that is off, or a dry run | nothing: the next write uses the decided Cz |
 //! | a device to which nothing is sent for a while (back-off) | nothing: the position is used later |
-//! | an open interlock, or one with an unknown signal | nothing |
+//! | an interlock that is open (no writing allowed), or whose signal is unknown | nothing |
 //! | a new position | position and Cz |
 
 use std::time::Duration;
@@ -30,7 +31,8 @@ const DASHES_AGAIN: Duration = Duration::from_secs(10);
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct PositionController {
-    /// Time at which the gateway read the last position that was written with Cz.
+    /// Time at which the gateway read the last position that this controller has handled, even if it was not
+    /// written.
     corrected: Moment,
     inside: PositionCz,
     /// Time at which dashes were last written to the display. `None` while the display shows a position.
@@ -94,7 +96,7 @@ pub enum PositionAction {
 }
 
 impl PositionAction {
-    /// Name of the action in a log.
+    /// Returns the name of the action in a log.
     pub const fn name(&self) -> &'static str {
         match self {
             PositionAction::Nothing => "nothing",
@@ -141,9 +143,9 @@ pub struct PositionTurn {
 /// Event of an output that writes a corrected position (a position that was read, plus Cz).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum PositionEvent {
-    /// The interlock is open.
+    /// The interlock is open: the output must not be written.
     Interlocked,
-    /// The interlock is closed again.
+    /// The interlock is closed again: the output may be written.
     Released,
     /// The value read back differs from the written value. The difference is reported again only after a write that was
     /// read back correctly.
@@ -167,7 +169,7 @@ impl PositionTurn {
         *self == PositionTurn { demand, ..*last } && before.is_alike_inside(after)
     }
 
-    /// Returns the turn (call of the controller) that repeats this turn with the next position.
+    /// Returns this turn (call of the controller) with a position that was read one nanosecond later.
     #[must_use]
     pub fn again(mut self) -> PositionTurn {
         self.demand.read_at = self.demand.read_at.after(Duration::from_nanos(1));
@@ -184,13 +186,13 @@ impl PositionController {
         }
     }
 
-    /// Returns whether both controllers decide equally about the next position.
+    /// Returns whether both controllers will make the same decision about the next position.
     pub fn is_like(&self, other: &PositionController) -> bool {
         *self == PositionController { corrected: self.corrected, ..*other }
     }
 
-    /// Returns whether both controllers will decide equally about the next position, if Cz and target do not change.
-    /// The time of the written decision may differ.
+    /// Returns whether both controllers will make the same decision about the next position, if Cz and target
+    /// do not change. The times of the decisions that were written last may differ.
     fn is_alike_inside(&self, other: &PositionController) -> bool {
         let inside = match (self.inside, other.inside) {
             (PositionCz::Written(one, at), PositionCz::Written(another, _)) if one == another => {
@@ -335,7 +337,7 @@ mod tests {
         one.next(demand, micron(STEP), demand.read_at).0
     }
 
-    /// Gives the result of a write with this Cz after the decision of the first second.
+    /// Passes to the controller the result of a write with the Cz `cz`, µm, decided at second 1.
     fn result(one: &mut PositionController, cz: f64, result: PositionResult) -> Option<PositionEvent> {
         let (demand, action) = (demand(1), PositionAction::Correct(micron(cz)));
         one.result(&PositionTurn { demand, action, result: Some(result) }, demand.read_at)

@@ -1,5 +1,5 @@
-//! Cz in a corrected position. A corrected position (a position that was read, plus Cz) is written repeatedly, for each
-//! new position.
+//! Cz (the compensation value) in a corrected position. A corrected position (a position that was read, plus
+//! Cz) is written repeatedly, for each new position.
 
 use std::ops::Sub;
 
@@ -25,7 +25,8 @@ pub enum PositionCz {
 }
 
 impl PositionCz {
-    /// Returns the Cz of the next position. The argument is the decision of the axis: Cz, its target, and its time.
+    /// Returns the Cz of the next position, µm. The first argument is the decision of the axis: Cz and its
+    /// target, µm, and the time of the decision. `step` is the largest change of Cz, µm.
     pub fn next(self, (decided, target, at): (Micron, Micron, Moment), step: Micron) -> Micron {
         match self {
             PositionCz::Nothing => decided,

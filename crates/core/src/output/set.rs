@@ -68,7 +68,7 @@ pub struct ControlWord;
 impl ControlWord {
     /// Every axis of the output set is armed.
     pub const ENABLE: u16 = 1;
-    /// An axis is frozen: it keeps its last Cz.
+    /// An axis is frozen: it keeps its last Cz (compensation value).
     pub const HOLD: u16 = 2;
     /// An axis carries out its fault action.
     pub const FAULT: u16 = 4;
@@ -295,7 +295,7 @@ pub enum SetAction {
 }
 
 impl SetAction {
-    /// Name of the action in a log.
+    /// Returns the name of the action in a log.
     pub const fn name(&self) -> &'static str {
         match self {
             SetAction::Nothing { .. } => "nothing",

@@ -116,7 +116,8 @@ impl SetController {
         self.members.is_late()
     }
 
-    /// Returns whether both controllers decide equally at their next call, each with a new demand.
+    /// Returns whether both controllers will make the same decisions at their next call, if each gets the
+    /// same new demand.
     pub fn is_like(&self, other: &SetController) -> bool {
         let with_demand = |one: &SetController| SetController { demand: self.demand.clone(), ..one.clone() };
         self.phase == Phase::Rest && *self == with_demand(other)

@@ -153,7 +153,8 @@ impl SetMembers {
         self.controllers.iter().any(|one| one.follow() == Follow::Late)
     }
 
-    /// Returns whether at least one output of the set will request a write if the next read shows nothing new.
+    /// Returns whether at least one output of the set will request a write if the next read shows the
+    /// expected values.
     pub(super) fn may_write(&self, settings: &SetSettings, now: Moment) -> bool {
         self.with(settings).any(|(controller, settings)| controller.state().may_write(settings, now))
     }
@@ -178,7 +179,8 @@ impl SetMembers {
         self.with(settings).map(view).collect()
     }
 
-    /// Passes `commit`, which states whether the control has taken the output set, to the outputs for which it is new.
+    /// Passes `commit` (whether the control has taken the output set) to each output whose present state is
+    /// different.
     pub(super) fn commit(&mut self, settings: &SetSettings, commit: SetCommit, now: Moment) {
         let is_open = commit != SetCommit::Taken;
         self.each(settings, |one| (one.is_bound() != is_open).then_some(Input::Set(commit)), now);

@@ -112,7 +112,7 @@ impl NextPhase {
 pub(super) enum Reason {
     /// The registers of an output must be read.
     Look,
-    /// An output is written if the read shows nothing new.
+    /// An output is written if the read shows the expected value.
     Change,
     /// The output set must be sent: it is refreshed, its control word changes, or the control has not taken it.
     Send,

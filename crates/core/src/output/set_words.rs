@@ -72,8 +72,8 @@ impl WrittenWords {
 mod tests {
     use super::*;
 
-    /// Rows: results of a write that says "enabled" and of the one after it that does not; whether the control word may
-    /// then say it.
+    /// Checks whether the control word may still say "enabled" after two writes: the first says it, the
+    /// second does not. Each row has the results of both writes, and the expected answer.
     #[test]
     fn a_control_word_may_say_enabled_until_another_one_has_surely_arrived() {
         let own = |control: u16| OwnWords { number: None, beat: 7, control };

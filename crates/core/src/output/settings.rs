@@ -57,8 +57,9 @@ impl Settings {
         self.is_shared || self.verify == Verify::Echo
     }
 
-    /// Returns the largest distance between a value to send and a write that may still arrive. For a shared register it
-    /// is one count less than a step. An edit of exactly one step is then never mistaken for a write of the gateway.
+    /// Returns the largest distance between a value to send and a write that may still arrive. For a shared
+    /// register, this distance is one count less than a step. An edit of exactly one step is then never
+    /// mistaken for a write of the gateway.
     pub(super) fn reach(&self) -> Counts {
         if self.is_shared { self.step - Counts(1) } else { self.step }
     }

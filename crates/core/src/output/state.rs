@@ -45,8 +45,9 @@ pub struct State {
     pub(super) promised_until: Option<Moment>,
     #[serde(flatten)]
     pub(super) disk: DiskState,
-    /// Time until which late writes of a previous run may arrive, if that run was not stopped cleanly. The register is
-    /// written only after a read later than this time. `None` in all other cases.
+    /// Time until which late writes of a previous run may arrive. `Some` only if that run was not stopped
+    /// cleanly, and did not save its values as promises. The register is written only after a read later than
+    /// this time.
     pub(super) settles_at: Option<Moment>,
     /// Earliest time of a read that may prove that a write had not arrived yet. Before this time, writes of the
     /// previous run may still arrive.
@@ -141,8 +142,8 @@ impl State {
         &self.copies
     }
 
-    /// Returns the values that may still appear in the register: sent earlier or being sent now, and not shown by the
-    /// last read.
+    /// Returns the values that may still appear in the register: those of earlier writes that may still
+    /// arrive, and the value of the pending write. The value that the last read showed is left out.
     pub fn may_arrive(&self) -> impl Iterator<Item = Counts> {
         let sent = self.copies.under_way().map(|sent| sent.value);
         sent.chain(self.being_written()).filter(|value| self.verified.map(|seen| seen.value) != Some(*value))
@@ -221,7 +222,8 @@ impl State {
             || self.copies.under_way().next().is_some()
     }
 
-    /// Returns whether an unanswered write was followed by a change of exactly its size, for the second time in a row.
+    /// Returns whether the register changed by exactly the difference that an unacknowledged write should
+    /// have caused, for the second time in a row. `change` is the present change of the register.
     pub(super) fn is_like_our_own_again(&self, change: Counts) -> bool {
         self.evidence.was_like_our_own && self.unanswered_change == Some(change)
     }
@@ -236,7 +238,7 @@ impl State {
         self.verified.is_some_and(|seen| plan::is_there(self, settings, seen.value, offset))
     }
 
-    /// Returns whether the interlock is open.
+    /// Returns whether the interlock is open, so that the register must not be written.
     pub fn is_interlocked(&self) -> bool {
         self.is_interlocked
     }

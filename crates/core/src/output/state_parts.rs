@@ -100,9 +100,11 @@ impl From<RequiredRead> for ReadFlags {
 /// doubt arises only when the same evidence occurs twice in a row.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub(super) struct Evidence {
-    /// Whether the last change by another client equalled an unanswered change by the gateway.
+    /// Whether the last change by another client equalled the change of a gateway write that was not
+    /// acknowledged.
     pub(super) was_like_our_own: bool,
-    /// Whether the register held another value after the last write that was acknowledged.
+    /// Whether the first read after the last acknowledged write showed a value that the gateway had not
+    /// written.
     pub(super) was_unsteady: bool,
 }
 

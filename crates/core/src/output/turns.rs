@@ -1,9 +1,10 @@
 //! Detection of a second gateway that writes to the same shared register. The sign of a second gateway is a small
 //! change by another client, soon after each change of this gateway.
 //!
-//! Two gateways do not alternate strictly. The criterion is that both make the same number of changes, whichever comes
-//! first. An operator makes far fewer changes, or many at once with a handwheel. After enough changes, this gateway
-//! makes some more, so that the other gateway detects it too.
+//! The changes of two gateways do not alternate strictly. The criterion is that both clients make about the
+//! same number of changes. An operator makes far fewer changes, or many at once with a handwheel. When the
+//! criterion is met, this gateway makes six more changes before it reports the second gateway. The other
+//! gateway can then detect it too.
 
 use serde::{Deserialize, Serialize};
 

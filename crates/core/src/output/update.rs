@@ -20,8 +20,8 @@ pub fn step(state: &mut State, settings: &Settings, fact: Fact, now: Moment) -> 
     }
 }
 
-/// Changes the state according to a fact. If the fact is a read that showed nothing new, returns the time of its
-/// request; else `None`.
+/// Changes the state according to a fact. If the fact is a read that showed the expected value, returns the
+/// time of the read request; else `None`.
 fn take(state: &mut State, settings: &Settings, fact: Fact, now: Moment) -> Option<Moment> {
     state.disk.is_unsaved |= state.copies.expire(now);
     match fact {
@@ -209,8 +209,8 @@ fn follow(
     }
 }
 
-/// Reports `event` unless a failed write was already reported since the last verified write. `how`: how this write
-/// failed.
+/// Records that a write failed in the way `how`. Reports `event`, unless a failure was already recorded since
+/// the last verified write.
 fn report_untaken(state: &mut State, how: WriteFailure, event: Event) {
     if state.write_failure.replace(how).is_none() {
         state.reports.report(event);

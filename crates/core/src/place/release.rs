@@ -22,7 +22,7 @@ use super::{FormerPlace, OutputPlace};
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Bounds {
-    /// Maximum absolute value of Cz that may be written, µm.
+    /// Maximum absolute value of Cz (the compensation value) that may be written, µm.
     pub limit_um: f64,
     /// Largest change of Cz at one update, µm.
     pub step_um: f64,

@@ -274,7 +274,7 @@ const ATTACHED: [&str; 16] = [
     "c", "degc", "f", "degf", "k", "um", "nm", "mm", "rpm", "mm/min", "l/min", "bar", "hz", "ma", "ms", "min",
 ];
 
-/// Returns a unit in small letters, and in one of its spellings: `º C` becomes `°c`.
+/// Returns a unit in lower case and in its usual spelling: `º C` becomes `°c`.
 #[must_use]
 pub fn spelled(unit: &str) -> String {
     // People also type the ordinal sign or the ring above instead of the degree sign.

@@ -63,8 +63,9 @@ pub struct Dialect {
 }
 
 impl Dialect {
-    /// Detects the format from the header line. Comma, semicolon, tab or pipe separates the columns: the character that
-    /// occurs most often outside quotes. Commas are also common inside names.
+    /// Detects the format from the header line. The columns are separated by the comma, semicolon, tab or
+    /// pipe that occurs most often outside quotes. If the numbers are equal, a semicolon or tab takes
+    /// precedence over a comma, because names often contain commas.
     #[must_use]
     pub fn of(header: &str, zone: Option<TimeZone>) -> Dialect {
         // Every other part is inside quotes.
@@ -115,9 +116,10 @@ impl Dialect {
         self.dates
     }
 
-    /// Learns from the cells of the first rows, by column, whether a comma or point before three digits separates
-    /// thousands. In a column with `900` and `1.200`, the point may separate thousands. But if another number, for
-    /// example `20.5`, shows that the point is the decimal mark, the point separates nothing.
+    /// Learns from the cells of the first rows, by column, whether a comma or point before three digits
+    /// separates thousands. In a column with `900` and `1.200`, the point may separate thousands. But if
+    /// another number, for example `20.5`, shows that the point is the decimal mark, the point in `1.200` is
+    /// a decimal mark too.
     pub fn learn_marks<'a>(&mut self, rows: impl Iterator<Item = Vec<&'a str>>) {
         if self.separator == b',' || self.stated.is_some() {
             return;
@@ -157,8 +159,8 @@ impl Dialect {
     /// Writes a number with a decimal point and without separators of thousands. Any other text is returned unchanged.
     ///
     /// # Errors
-    /// Returns a message if the number can be read in two ways. Also if an earlier number of the file has another
-    /// decimal mark.
+    /// Returns a message if the number can be read in two ways, or if an earlier number of the file has
+    /// another decimal mark.
     pub fn number<'a>(&mut self, text: &'a str) -> Result<Cow<'a, str>, String> {
         if self.separator == b',' && self.stated.is_none() && !text.contains(',') {
             return Ok(Cow::Borrowed(text));
@@ -187,8 +189,9 @@ impl Dialect {
         }
     }
 
-    /// Reads a number that has only one kind of mark, a comma or a point. The mark is a decimal mark or separates
-    /// thousands.
+    /// Reads a number that contains commas only or points only. The mark is a decimal mark or separates
+    /// thousands. Returns a message if both are possible, or if the mark does not fit the other numbers or
+    /// the separator of the columns. Any other text is returned unchanged.
     fn with_one_mark<'a>(&mut self, text: &'a str, mark: DecimalMark) -> Result<Cow<'a, str>, String> {
         let sign = mark.sign();
         let (decimal, whole) = (text.replace(sign, "."), text.replace(sign, ""));
@@ -359,7 +362,9 @@ fn has_groups(text: &str, sign: char) -> bool {
     is_group(first, 1..=3) && !first.starts_with('0') && groups.all(|group| is_group(group, 3..=3))
 }
 
-/// Reads a number by its decimal mark. The other mark must separate groups of three digits.
+/// Rewrites a number that has this decimal mark: with a decimal point, and without separators of thousands.
+/// Any other text is returned unchanged. Returns a message if the other mark does not separate groups of
+/// three digits.
 fn by_mark(text: &str, mark: DecimalMark) -> Result<Cow<'_, str>, String> {
     let (decimal, thousands) = (mark.sign(), mark.other().sign());
     if !text.contains([',', '.']) {
@@ -388,8 +393,8 @@ fn by_mark(text: &str, mark: DecimalMark) -> Result<Cow<'_, str>, String> {
     Ok(Cow::Owned(read))
 }
 
-/// Returns the message about an ambiguous number. Its comma or point, before three digits, is a decimal mark or
-/// separates thousands.
+/// Returns the message about an ambiguous number: its comma or point, before three digits, may be a decimal
+/// mark or may separate thousands. `whole` and `decimal` are the number in these two readings.
 fn two_readings(text: &str, mark: DecimalMark, (whole, decimal): (&str, &str)) -> String {
     let (point, comma) = match mark {
         DecimalMark::Point => (decimal, whole),

@@ -5,9 +5,9 @@ use std::time::Duration;
 
 use serde::{Deserialize, Serialize};
 
-/// Point in time, in nanoseconds since the Unix epoch. The gateway takes the first moment from the wall clock at its
-/// start, and advances it monotonically: setting the clock does not change moments. A [`Shift`](super::Shift) converts a moment to
-/// the time of a clock that was set since.
+/// Point in time, in nanoseconds since the Unix epoch. The gateway takes the first moment from the wall clock
+/// at its start, and advances it monotonically: setting the clock does not change moments. A
+/// [`Shift`](super::Shift) converts a moment to the time of a clock that was set after the start.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(transparent)]
 pub struct Moment(u64);

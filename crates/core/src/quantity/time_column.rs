@@ -195,7 +195,8 @@ const NAMES: [&[&str]; 4] = [
 /// Names of a date column. If a log has no other time column, this column also contains the times.
 const DATES: [&str; 7] = ["date", "datum", "fecha", "дата", "日期", "日付", "날짜"];
 
-/// Names of columns whose numbers, if they are dates of this century, are days of a spreadsheet.
+/// Parts of the names of time columns. In such a column, numbers that are dates of this century in the form
+/// of a spreadsheet are read as dates.
 const NAMED_FOR_DATES: [&str; 2] = ["dat", "stamp"];
 
 impl TimeColumns {
@@ -230,8 +231,9 @@ impl TimeColumns {
         Some(TimeColumns { time, date, unit: stated.unwrap_or(unit), is_stated, is_in_utc })
     }
 
-    /// Returns the unit of the numbers in the time column. `first` is the first of these numbers. Numbers of this
-    /// century under a name such as `Datum` or `timestamp` are days of a spreadsheet.
+    /// Returns the unit of the numbers in the time column. `first` is the first of these numbers. Under a
+    /// name such as `Datum` or `timestamp`, numbers are days of a spreadsheet if these days are in this
+    /// century.
     #[must_use]
     pub fn unit_of(&self, name: &str, first: &str) -> TimeUnit {
         let is_dated = NAMED_FOR_DATES.iter().any(|word| name.to_lowercase().contains(word));
@@ -256,7 +258,8 @@ pub fn with_date<'a>(time: &'a str, date: Option<&str>) -> Cow<'a, str> {
     }
 }
 
-/// Statement about the times, after the name of a time column: their unit, or that they are in UTC.
+/// Meaning of the text after the name of a time column: no statement, the unit of the times, or that the
+/// times are in UTC.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Stated {
     Nothing,
@@ -264,8 +267,8 @@ enum Stated {
     Utc,
 }
 
-/// Returns the first column with one of these names. A unit may follow the name. The name `t` requires a unit in
-/// brackets.
+/// Returns the index of the first column with one of these names, and the meaning of the text after the name.
+/// A unit may follow the name. The name `t` requires a unit in brackets.
 fn by_name(names: &[String], known: &[&str]) -> Option<(usize, Stated)> {
     names.iter().enumerate().find_map(|(place, header)| {
         let header = header.trim().to_lowercase();
@@ -276,8 +279,9 @@ fn by_name(names: &[String], known: &[&str]) -> Option<(usize, Stated)> {
     })
 }
 
-/// Separates the name of a time column, in small letters, from the statement after it: `zeit [min]`, `time (sec)`,
-/// `timestamp_ms`, `time (utc)`, `date (dd/mm/yyyy)`. `None` if the text after the name is another unit.
+/// Separates the name of a time column, in lower case, from the statement after it: `zeit [min]`, `time
+/// (sec)`, `timestamp_ms`, `time (utc)`, `date (dd/mm/yyyy)`. `None` if the text after the name is another
+/// unit.
 fn time_name(header: &str) -> Option<(&str, Stated)> {
     if let (name, Some(unit)) = name_and_unit(header) {
         return Some((name, Stated::Unit(TimeUnit::of(unit)?)));

@@ -47,7 +47,8 @@ impl Conversion {
         }
     }
 
-    /// Returns the value in the log from which [`Conversion::apply`] made this value, to nine digits.
+    /// Reverses [`Conversion::apply`]: returns the value in the log that was converted to `value`, rounded to
+    /// nine significant digits.
     #[must_use]
     pub fn revert(self, value: f64) -> f64 {
         let logged = match self {

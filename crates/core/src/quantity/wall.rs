@@ -9,8 +9,8 @@ use super::time_column::TimeUnit;
 
 const DAY: u64 = 24 * HOUR;
 const HOUR: u64 = 3_600_000_000_000;
-/// Longest time between two rows, by the wall clock, at which a logger counts as running without a pause. The
-/// conversion uses it to find out whether the logger was off in the hour that occurs twice, when summer time ends.
+/// Maximum wall-clock time between two rows of a logger that runs without a pause. The limit is used when
+/// summer time ends and one hour occurs twice: after a longer time, the logger was off in that hour.
 const NEXT_ROW: SignedDuration = SignedDuration::from_secs(30 * 60);
 /// Day zero of spreadsheets. It is one day before 31 December 1899, because spreadsheets also count 29 February 1900,
 /// which did not exist.
@@ -30,7 +30,7 @@ pub enum DateOrder {
 pub(super) enum Read {
     /// Date and time in an unknown time zone.
     Date(DateTime),
-    /// Date and time with AM or PM, whose month is taken to come first, as in the United States.
+    /// Date and time with AM or PM. The month is assumed to come first, as in the United States.
     Assumed(DateTime),
     /// Time of day, or time since the start of the log, in nanoseconds.
     OfDay(u64),
@@ -70,8 +70,8 @@ pub(super) fn read(text: &str, order: Option<DateOrder>) -> Option<Result<Read, 
     })
 }
 
-/// Parses hours and minutes, or minutes and seconds, in a column of `unit`. Returns nanoseconds; `None` if the text has another
-/// format or the column another unit.
+/// Parses hours and minutes, or minutes and seconds, in a column of `unit`. Returns nanoseconds; `None` if
+/// the text has another format or the column another unit.
 pub(super) fn two_parts(text: &str, unit: TimeUnit) -> Option<u64> {
     let clock = Clock::of(text).filter(|clock| clock.seconds.is_none() && !clock.is_of_half_days)?;
     match unit {
@@ -310,7 +310,8 @@ impl Clock {
     }
 }
 
-/// Returns the date and time of a count of days, as spreadsheets store them.
+/// Returns the date and time of a count of days, as spreadsheets store them. Returns a message about the cell
+/// `text` if `number` is not a count of days from 1970 to 2200.
 pub(super) fn excel(number: &str, text: &str) -> Result<DateTime, String> {
     let wrong = || format!("`{text}` is not a date of a spreadsheet; write 2026-01-31 12:00:00");
     let days: f64 = number.parse().map_err(|_| wrong())?;
@@ -332,7 +333,7 @@ pub(super) struct Wall {
     /// Last time in the hour that occurs twice at the end of summer time. Set only if the time was taken to be in the
     /// first of the two hours.
     first_pass: Option<DateTime>,
-    /// Last date whose month was taken to come first.
+    /// Last date whose month was assumed to come first.
     assumed: Option<Date>,
 }
 
@@ -347,8 +348,9 @@ impl Wall {
         Ok(Moment::from_nanos(at(self.days)))
     }
 
-    /// Checks a date whose month was taken to come first. A message is returned if the date is the same day of another
-    /// month than the last date: then the day may come first.
+    /// Checks a date whose month was assumed to come first. Returns a message if the date is the same day of
+    /// another month than the last such date, as in `01/05/2026` and `02/05/2026`. The day then probably
+    /// comes first.
     pub(super) fn follows(&mut self, wall: DateTime, text: &str) -> Result<(), String> {
         let date = wall.date();
         let before = *self.assumed.get_or_insert(date);
@@ -360,7 +362,10 @@ impl Wall {
         Ok(())
     }
 
-    /// Returns the moment of a date and time in a zone.
+    /// Returns the moment of a date and time in a zone. `last` is the time of the previous row. It decides
+    /// which hour is meant if the hour occurs twice, at the end of summer time. Returns a message if there is
+    /// no zone, or if the time is before 1970 or does not exist in the zone. Also returns a message if the
+    /// clock of the log was perhaps not set back.
     pub(super) fn in_zone(
         &mut self,
         wall: DateTime,

@@ -148,7 +148,7 @@ impl Status {
     pub const TYPE_MISMATCH: Status = Status(0x8074_0000);
     /// BadTcpEndpointUrlInvalid: the server does not know the address at which it was called.
     pub const URL_INVALID: Status = Status(0x8083_0000);
-    /// BadSensorFailure: the sensor behind the node measures nothing.
+    /// BadSensorFailure: the sensor that gives the value of the node has failed.
     pub const SENSOR_FAILURE: Status = Status(0x808c_0000);
     /// BadRequestTooLarge: the request has more bytes than the server accepts.
     pub const REQUEST_TOO_LARGE: Status = Status(0x80b8_0000);

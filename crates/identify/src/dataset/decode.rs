@@ -147,11 +147,13 @@ fn has_japanese_word(sample: &[u8]) -> bool {
     has_word && SHIFT_JIS.decode_without_bom_handling_and_without_replacement(sample).is_some()
 }
 
-/// Returns whether all bytes outside ASCII are half-width katakana in Shift_JIS, which have one byte each.
+/// Returns whether all bytes outside ASCII are very probably half-width katakana in Shift_JIS, which have one
+/// byte each.
 ///
-/// The crate chardetng gives such katakana a low rating, because web pages rarely have them. Other encodings use the
-/// same bytes: Cyrillic capitals use bytes from 0xC0 on, and a few letters below 0xB3. A word with an even number of
-/// bytes may be Chinese or Korean.
+/// The crate chardetng gives such katakana a low rating, because web pages rarely have them. Other encodings
+/// use the same bytes. At least one word must have an odd number of bytes, and three or more: a word with an
+/// even number may be Chinese or Korean. At least one byte must be from 0xB3 to 0xBF: Cyrillic capitals use
+/// bytes from 0xC0 on, and a few letters below 0xB3.
 fn is_half_width(letters: &[u8]) -> bool {
     let is_kana = |byte: &u8| matches!(byte, 0xA6..=0xDF);
     let is_no_capital = |byte: &u8| matches!(byte, 0xB3..=0xBF);
@@ -205,7 +207,8 @@ mod tests {
         assert_eq!((found.as_str(), name), (text, encoding));
     }
 
-    /// Checks that these texts are read in this encoding, which is detected under its own name.
+    /// Checks that each of these texts, encoded in this encoding, is detected as this encoding and is read
+    /// unchanged.
     #[track_caller]
     fn all_read(encoding: &'static Encoding, texts: &[&str]) {
         for text in texts {

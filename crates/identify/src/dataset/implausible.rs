@@ -20,10 +20,11 @@ use isotherm_core::quantity::{Conversion, Moment};
 const MOST: f64 = 0.05;
 /// Maximum number of text lines that a remark lists.
 const NAMED: usize = 5;
-/// Factor on the usual step of a column between two rows. A larger step is impossible for a machine.
+/// Minimum difference between an implausible value and its neighbours, as a multiple of the usual step of the
+/// column between two rows. A machine cannot make such a large step.
 const TIMES_USUAL: f64 = 6.0;
-/// Factor on the resolution (smallest step) of a column. An implausible value differs from its neighbours by at least
-/// this product.
+/// Minimum difference between an implausible value and its neighbours, as a multiple of the resolution
+/// (smallest step) of the column.
 const TIMES_SMALLEST: f64 = 3.5;
 /// Maximum gap of a temperature that is bridged by a straight line.
 const BRIDGED: Duration = Duration::from_secs(300);
@@ -52,8 +53,8 @@ pub(super) struct Tested<'a> {
     pub(super) moved: &'a dyn Fn(usize, usize) -> bool,
 }
 
-/// Returns the minimum difference between an implausible value and its neighbours; `None` if values of this kind are
-/// not tested.
+/// Returns the minimum difference between an implausible value and its neighbours, in the unit of the kind;
+/// `None` if values of this kind are not tested.
 fn least_distance(kind: Kind) -> Option<f64> {
     match kind {
         Kind::Temperature | Kind::Displacement => Some(2.0),
@@ -399,7 +400,7 @@ mod tests {
         (0..rows as u64).map(|row| Moment::from_nanos(row * 60_000_000_000)).collect()
     }
 
-    /// Drift of 20 µm over 200 min with the noise of a probe.
+    /// Returns a drift of 20 µm over 200 min with the noise of a probe.
     fn drift() -> Vec<f64> {
         (0..200u32).map(|row| 5.0 + 0.1 * f64::from(row) + 0.2 * f64::from(row * 7 % 5)).collect()
     }

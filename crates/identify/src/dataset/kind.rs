@@ -16,7 +16,7 @@ pub enum Kind {
     Position,
     /// Displacement, µm.
     Displacement,
-    /// Active Cz in a log of the gateway, µm.
+    /// Active Cz (compensation value) in a log of the gateway, µm.
     Compensation,
     /// Log column that contains only 0 and 1.
     Switch,

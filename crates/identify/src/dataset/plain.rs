@@ -217,7 +217,8 @@ mod tests {
         assert!(plain_csv(Cursor::new(long), &Split::default()).unwrap().is_none(), "it is read as a table");
     }
 
-    /// Logs of 100 minutes, in which the function changes a cell of the error.
+    /// Returns the implausible values of a log of 100 minutes. If `change` returns a text for a row, this
+    /// text replaces the error in that row.
     #[track_caller]
     fn found_in(change: impl Fn(u32) -> Option<&'static str>) -> Result<Implausible, BadLog> {
         let directory = tempfile::tempdir().unwrap();

@@ -14,8 +14,8 @@ use isotherm_core::quantity::{Moment, time};
 /// Maximum number of rows of all runs that are compared. If there are more, only a sample is compared. The choice of
 /// the sample depends only on the content of the rows.
 const MOST_ROWS: usize = 400_000;
-/// Minimum share of the rows of the shorter run that must occur in the other run, in the same order, so that it counts
-/// as a copy.
+/// Minimum share of the rows of the shorter run that must also occur in the other run, in the same order.
+/// With a smaller share, the shorter run does not count as a copy.
 const LEAST_SHARE: f64 = 0.5;
 /// Minimum number of different row contents that two runs must have in common. Fewer rows may be equal by chance.
 const LEAST_ROWS: usize = 20;
@@ -95,8 +95,8 @@ impl Copied {
     }
 }
 
-/// Distance between two equal rows of different runs. It is a number of rows, or a time if one run lacks some rows of
-/// the other run.
+/// Distance between two equal rows of different runs, in rows or in seconds. Only the distance in seconds
+/// stays the same if one run lacks some rows of the other run.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 enum Distance {
     Rows(i64),
@@ -315,7 +315,7 @@ mod tests {
     use super::*;
     use crate::dataset::{Origin, Series};
 
-    /// Day of a machine with two columns; `seed` changes its values. The times begin at `from`, s.
+    /// Creates the run of one day with two columns; `seed` changes the values. The times begin at `from`, s.
     fn day(name: &str, seed: u32, from: u64) -> Run {
         let rows = 0..100u32;
         let value = |row: u32, column: u32| {
@@ -337,7 +337,7 @@ mod tests {
         super::find(runs, &|_| true)
     }
 
-    /// Part of a run, from this row on.
+    /// Returns the part of a run from the row `from` on.
     fn part(run: &Run, from: usize) -> Run {
         let values = run.values.iter().map(|column| column.within(from..column.len()).collect()).collect();
         Run { name: "part".to_owned(), times: run.times[from..].to_vec(), values, ..run.clone() }

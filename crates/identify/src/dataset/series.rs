@@ -232,7 +232,7 @@ impl fmt::Debug for Series {
 mod tests {
     use super::*;
 
-    /// Numbers of some blocks and of a rest.
+    /// Returns enough numbers for two full blocks and some rows after the last block.
     fn numbers(number: impl Fn(u32) -> f64) -> Vec<f64> {
         (0..2500).map(number).collect()
     }

@@ -9,7 +9,8 @@ use isotherm_profile::safe_file::quoted;
 pub(super) const COMPARED: usize = 1000;
 /// Smallest number that is read as a date, s since 1970. It is at the start of 1980.
 const FIRST_DATE: f64 = 315_532_800.0;
-/// Limit of the step between two rows, s. With a larger step, the rows would be hours apart.
+/// Limit of the step between two rows, s. If a larger step were in seconds, the rows would be more than two
+/// hours apart.
 const HOURS: f64 = 7200.0;
 /// Steps that loggers often use, s. A log in milliseconds with about one row per second has steps of a similar size.
 const USUAL: [f64; 3] = [1200.0, 1800.0, 3600.0];

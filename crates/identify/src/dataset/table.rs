@@ -61,7 +61,8 @@ pub(super) struct Table {
     failed: HashMap<String, Messages>,
     /// Words for values that are not available, such as `n/a`. The key is the name of the column.
     unavailable: HashMap<String, Messages>,
-    /// Names of the columns that contain the active Cz (Cz that acted during the measurement).
+    /// Names of the columns that contain the active Cz (compensation value that acted during the
+    /// measurement).
     pub(super) acted: Vec<String>,
     /// Rows directly after a zero command, each with the axis of the command; `None` for all axes. Only logs of the
     /// gateway contain zero commands.
@@ -285,8 +286,8 @@ impl Reader {
         self.time.date
     }
 
-    /// Detects the order of day and month in dates, and whether the mark before three digits is a decimal mark, from
-    /// the first rows. These rows are read again later.
+    /// Detects two properties of the log from its first rows: the order of day and month in dates, and
+    /// whether a mark before three digits is a decimal mark. The caller reads these rows again later.
     pub(super) fn learn<'a>(&mut self, rows: impl Iterator<Item = Vec<&'a str>> + Clone) {
         let dated = self.time.date.unwrap_or(self.time.time);
         for cells in rows.clone() {
@@ -318,8 +319,9 @@ impl Reader {
         self.kept
     }
 
-    /// Returns whether the cells of this column must be kept as texts. This is so if the column may divide the log into
-    /// runs, and not all its cells so far are numbers.
+    /// Returns whether the cells of this column must be kept as texts. Texts are kept only if the column may
+    /// divide the log into runs, or shows when Cz (the compensation value) was active. They are not kept if
+    /// all cells so far are numbers.
     #[cfg(feature = "parquet")]
     pub(super) fn needs_words(&self, place: usize) -> bool {
         self.columns.get(place).is_some_and(|column| column.words.is_some())

@@ -5,7 +5,7 @@ use std::io::{self, Chain, Cursor, Read};
 /// Input of which the first bytes were already read, to decide whether a conversion is necessary.
 pub(super) type Begun<R> = Chain<Cursor<Vec<u8>>, R>;
 
-/// Reader of a text. The converter `C` converts the text if that is necessary.
+/// Reader of a text that is either passed on unchanged, or converted by the converter `C`.
 pub(super) enum TextReader<R, C> {
     /// The input is returned unchanged.
     Plain(Begun<R>),
@@ -15,8 +15,8 @@ pub(super) enum TextReader<R, C> {
 
 /// Converter of a text that is read part by part.
 pub(super) trait Convert {
-    /// Reads the next part of the input, and writes its converted text to `text`, which is empty before. Returns
-    /// whether the input may have more parts. The last part may contain text, too.
+    /// Reads the next part of the input, and writes its converted text to `text`, which must be empty.
+    /// Returns `false` after the last part, which may also contain text.
     fn next_part(&mut self, text: &mut Vec<u8>) -> io::Result<bool>;
 }
 

@@ -138,7 +138,8 @@ impl Tidy {
 struct Long {
     /// Names of the sensors with their units, in the order of their first occurrence.
     headers: Vec<String>,
-    /// Number of the table column of each sensor: 1 for the first name in `headers`. The key is the name of the sensor.
+    /// Index of the table column of each sensor. The key is the name of the sensor. The first name in
+    /// `headers` has the column 1.
     places: HashMap<String, usize>,
     rows: Vec<Row>,
     by_time: HashMap<Box<str>, usize>,

@@ -21,8 +21,8 @@ pub(super) fn of_profile(name: &str, unit: &str) -> Option<&'static str> {
     })
 }
 
-/// Returns whether two units are different spellings of the same unit, in a column of this name. The cells of the
-/// column may then use both spellings.
+/// Returns whether `unit` and `other` are two spellings of the same unit. The cells of the column `name` may
+/// then use both spellings.
 pub(super) fn are_alike(name: &str, unit: &str, other: &str) -> bool {
     // All units of other quantities have one word.
     let word = of_profile(name, unit).filter(|word| *word != "percent");

@@ -1,5 +1,5 @@
-//! Reader of logs in workbooks of spreadsheets (.xlsx). The sheet with a time column is converted to CSV, and then read
-//! like a CSV log.
+//! Reader of logs in spreadsheet workbooks (.xlsx). The sheet with a time column is converted to CSV, and
+//! then read like a CSV log.
 //!
 //! ```text
 //! zip: sizes of the parts ── within the limits? ── cells of each sheet ── CSV with tabs ── the sheet with a time column

@@ -64,8 +64,9 @@ pub(crate) fn is_feed(name: &str, unit: Option<&str>) -> bool {
         || ["mm_min", "mm/min", "_m_s", "feed"].iter().any(|ending| name.ends_with(ending))
 }
 
-/// Chooses the test of ISO 230-3 to which a run corresponds. `asked` is the test that the operator chose. Returns the
-/// test, the column of its movement, and the reason for the choice.
+/// Chooses the test of ISO 230-3 to which a run corresponds. `asked` is the test that the operator chose.
+/// Returns the test, the log column of the movement that warms the machine, and the reason for the choice.
+/// The column is `None` for the test `Etve`, or if no column shows the movement.
 pub(super) fn likeness<'a>(
     asked: Option<Test>,
     active: &[&'a Mover],
@@ -141,8 +142,8 @@ impl Mover {
         long.map(stage).collect()
     }
 
-    /// Returns the distance that the position travels within each minute. The time of each distance is that of the
-    /// first log row in the minute.
+    /// Returns the distance that the position travels within each minute. Each distance has the time of the
+    /// first log row in its minute.
     fn paths(&self, run: &Run) -> Minutes {
         let mut paths = Minutes::default();
         let values = run.seconds().zip(&run.values[self.column]);

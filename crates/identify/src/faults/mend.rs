@@ -32,8 +32,8 @@ const MOST_JUMPS: usize = 3;
 /// Maximum share of the time of all runs for which a sensor may be frozen. A sensor that was frozen for longer is left
 /// out.
 const MASKED: f64 = 0.25;
-/// Minimum share of the rows of a run that must remain unmasked. If fewer would remain, rebuilt readings are used for
-/// identification, so that the run is not lost.
+/// Minimum share of the rows of a run that must remain unmasked. If fewer would remain, the rows are not
+/// masked, and the rebuilt readings are used for identification.
 const LEFT_OF_RUN: f64 = 0.25;
 /// Minimum share of the rows of a run that must remain unmasked if the readings cannot be rebuilt. If fewer would
 /// remain, the sensor is left out.
@@ -118,8 +118,8 @@ pub(crate) fn mend<'a>(logs: &'a Dataset, columns: &[usize], frozen: &[Frozen]) 
     Mended { mending, excluded, repaired }
 }
 
-/// Returns whether a sensor must be left out. This is so if it jumps or spikes in most runs, jumps too often in one
-/// run, was frozen for too long, or its faulty rows are unknown.
+/// Returns whether a sensor must be left out. The reasons are jumps or spikes in most runs, too many jumps in
+/// one run, a freeze for too long, or unknown faulty rows.
 fn is_hopeless(logs: &Dataset, found: &[Fault], column: usize) -> bool {
     let own = || found.iter().filter(move |fault| fault.column == column);
     let mut runs: Vec<usize> =
@@ -148,9 +148,9 @@ fn masked_share(logs: &Dataset, found: &[Fault], column: usize) -> f64 {
     frozen / f64::max(all, 1.0)
 }
 
-/// Decides whether the rows of a freeze are masked or rebuilt. Returns the kind of damage and the repair; the repair is
-/// `None` if the sensor must be left out. `masks` tells for each row of each run whether it is masked. The rows of this
-/// fault are masked if enough other rows of the run remain.
+/// Decides whether the rows of a freeze are masked or rebuilt. Returns the kind of damage and the repair; the
+/// repair is `None` if the sensor must be left out. `masks` contains for each row of each run whether the row
+/// is masked. If enough other rows of the run remain, the rows of this fault are masked as well.
 fn settled(fault: &Fault, masks: &mut [Vec<bool>], done: Done) -> (Damage, Done) {
     let (Damage::Frozen, Some(run)) = (fault.damage, fault.run) else { return (fault.damage, done) };
     let mut mask = masks[run].clone();

@@ -4,9 +4,9 @@
 //! this sum on the donors and on the good rows of the same run. Donors are the runs in which the sensor and its
 //! neighbours were good.
 //!
-//! To measure the error of this sum, the same hours are hidden in each donor in turn, and rebuilt. The lags and the
-//! ridge penalty with the smallest error are chosen. The rebuilt readings are shifted so that they continue the good
-//! readings at both ends without a step.
+//! To measure the error of this sum, the hours of the fault, counted from the start of the run, are hidden in
+//! each donor in turn, and rebuilt. The lags and the ridge penalty with the smallest error are chosen. The
+//! rebuilt readings are shifted so that they continue the good readings at both ends without a step.
 
 use std::ops::Range;
 
@@ -26,7 +26,8 @@ const STEP_RIDGE: f64 = 1e-3;
 /// Time before and after the rebuilt readings over which the residuals of the prediction are averaged, s. The rebuilt
 /// readings are shifted by this mean.
 const TIE: f64 = 300.0;
-/// Lengths of the window before and of the window after a step, min. The mean readings in the two windows are compared.
+/// Lengths of the window before and of the window after a step, min. The step is the difference of the mean
+/// residuals (reading minus prediction) in the two windows.
 const WINDOWS: [usize; 4] = [1, 3, 10, 30];
 /// Minimum time between two used rows of the good runs, s.
 const THIN: f64 = 60.0;
@@ -142,8 +143,9 @@ impl Likeness<'_> {
         best
     }
 
-    /// Removes the step at the start of these rows. The step is estimated from the mean readings in a window before the
-    /// step and in a window after it. The window length with the smallest error on the good runs is used.
+    /// Removes the step at the start of these rows. Each estimate of the step compares the mean residuals
+    /// (reading minus prediction) in two windows of one length, or uses the change of the reading alone. The
+    /// estimate with the smallest error on the good runs is used. `None` if no estimate is possible.
     pub(super) fn without_step(&self, run: usize, rows: &[usize]) -> Option<Replaced> {
         let columns: Vec<usize> = (0..self.neighbours.len() * (1 + LAGS.len())).collect();
         let gains = ridge(&Gram::total(&self.grams), &columns, STEP_RIDGE);
@@ -180,7 +182,7 @@ impl Likeness<'_> {
         (all.power / all.rows.max(1.0)).sqrt()
     }
 
-    /// Returns rows of a run as features and readings. Two of these rows are at least `apart` seconds apart.
+    /// Returns rows of a run as features and readings. Successive rows are at least `apart` seconds apart.
     fn table(&self, run: usize, apart: f64) -> Table {
         let run = &self.dataset.runs[run];
         let seconds: Vec<f64> = run.seconds().collect();
@@ -271,9 +273,9 @@ impl Table {
     }
 }
 
-/// Returns the step of the reading at the row `at`; `None` if it cannot be computed. With a window, the step is the
-/// mean residual after the row minus the mean residual before it. Without a window, the step is the change of the
-/// reading in the row, minus the usual change around it.
+/// Returns the step of the reading at the row `at`; `None` if it cannot be computed. With a window, the step
+/// is the mean residual after the row minus the mean residual before it. Without a window, the step is the
+/// change of the reading in the row, minus the median change in the rows near this row.
 fn step_at(left: &[f64], values: &[f64], at: usize, window: Option<usize>) -> Option<f64> {
     let mean = |rows: &[f64]| {
         let finite = rows.iter().filter(|value| value.is_finite());
@@ -311,8 +313,8 @@ fn lagged(seconds: &[f64], values: &[f64], constant: f64) -> Vec<f64> {
     seconds.iter().zip(values).map(&mut follow).collect()
 }
 
-/// Replaces missing values by linear interpolation. The first value is repeated before itself, and the last value after
-/// itself.
+/// Replaces missing values by linear interpolation. Missing values before the first value become the first
+/// value. Missing values after the last value become the last value.
 pub(super) fn bridged(seconds: &[f64], values: &[f64]) -> Vec<f64> {
     let good: Vec<usize> = (0..values.len()).filter(|row| values[*row].is_finite()).collect();
     let at = |row: usize| {

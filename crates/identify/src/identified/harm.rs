@@ -1,5 +1,5 @@
-//! Detection of models that make too many held-out runs worse than no compensation. Such a model is rejected if there
-//! are enough runs. Otherwise, a warning is added.
+//! Detection of harmful models. With a harmful model, the error range is larger than without compensation on
+//! too many held-out runs. Such a model is rejected if there are enough runs. Otherwise, a warning is added.
 
 use super::{Fallback, Identified};
 use crate::validate::Means;
@@ -83,8 +83,8 @@ impl Identified {
     }
 }
 
-/// Returns whether a model makes more than [`MOST_WORSE`] of the held-out runs worse than no compensation. Without
-/// held-out runs, the share is NaN, and the result is `false`.
+/// Returns whether the error range with a model is larger than without compensation in more than
+/// [`MOST_WORSE`] of the held-out runs. Without held-out runs, the share is NaN, and the result is `false`.
 fn is_harmful(means: &Means) -> bool {
     means.worse_share > MOST_WORSE
 }

@@ -1,5 +1,5 @@
-//! Replacement of a lost sensor (failed or frozen). A virtual sensor predicts its reading from the other sensors. A
-//! fallback model is a model that does not need the sensor.
+//! Replacement of a lost sensor (failed or frozen). A virtual sensor predicts the reading of the lost sensor
+//! from the other sensors. A fallback model does not use the lost sensor as an input.
 
 use serde::Serialize;
 

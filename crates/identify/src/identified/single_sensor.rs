@@ -2,10 +2,10 @@
 //! compensation value. The formula Cz = F(T, t) uses the temperature T of the remaining sensor and the time t since
 //! machine start (JP H07-61598 B2).
 //!
-//! Without B, the formula is `Kz·A + f1(t)` with `f1(t) = −Kz·(b·t + c)`, because after two or three hours B rises in
-//! nearly a straight line. Without A, the formula is `−Kz·B + f2(t)` with `f2(t) = Kz·(K·√t + c)`, because A rises with
-//! the root of the time. Kz is the gain of the difference. b, c and K are fitted by least squares to the temperatures
-//! themselves, as in the patent, not to their rises.
+//! Without B, the formula is `Kz·A + f1(t)` with `f1(t) = −Kz·(b·t + c)`, because after two or three hours B
+//! rises in nearly a straight line. Without A, the formula is `−Kz·B + f2(t)` with `f2(t) = Kz·(K·√t + c)`,
+//! because A rises with the square root of the time. Kz is the gain of the difference. b, c and K are fitted
+//! by least squares to the temperatures themselves, as in the patent, not to their rises.
 
 use nalgebra::{Matrix2, Vector2};
 use serde::Serialize;

@@ -1,5 +1,5 @@
-//! Finds wrong touches (measurements with a probe), for example if a chip was under the probe, or another part was
-//! measured. The rule is the same by which the gateway accepts or rejects a measurement.
+//! Finds wrong touches (measurements with a probe), for example if a chip was under the probe, or another
+//! part was measured. The gateway accepts or rejects measurements by the same rule.
 //!
 //! The residual of the model drifts, and a correction follows it. The variance P of the correction is 0 at the datum
 //! (zero point) of the run, and grows by q per hour between two touches. A touch has the variance σ²:

@@ -1,4 +1,5 @@
-//! Model in use of an axis, in the form in which it is compared with a candidate (a newly learned model).
+//! Model in use of an axis, as a sum of terms. A candidate (a newly learned model) is compared with this
+//! model.
 
 use crate::fleet::FleetModel;
 use crate::method::PriorTerm;
@@ -7,7 +8,7 @@ use isotherm_core::compensation::settings::AxisSettings;
 use isotherm_core::compensation::{LearnedModel, LearnedTerm};
 use isotherm_profile::{Profile, sha256};
 
-/// Model in use of an axis, as a sum of terms that can be compared with a candidate.
+/// Model in use of an axis: its terms, and its expected error.
 #[derive(Clone, Debug, PartialEq)]
 pub struct InUse {
     pub(super) terms: Vec<PriorTerm>,

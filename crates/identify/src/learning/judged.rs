@@ -1,5 +1,5 @@
-//! Rows of one run with the Cz (compensation value) of a model: the residual errors, and the touches that the model
-//! accepts.
+//! Rows of one run with the Cz (compensation value) of a model: the residual errors, and the accepted
+//! touches. A touch is a measurement with a probe.
 
 use super::doubt::accepted;
 use super::in_use::{InUse, settings};

@@ -19,7 +19,8 @@ pub(super) struct Record {
     /// SHA-256 of the candidate that was offered to the gateway after the last run. Empty if no candidate was offered.
     pub(super) offered: String,
     pub(super) judgement: Judgement,
-    /// Time of the last log row from which the model has learned.
+    /// Time of the last log row of the processed runs with touches. Runs with touches whose datum (zero
+    /// point) is before this time are not processed again.
     pub(super) until: Moment,
     /// Number of runs whose products are stored.
     pub(super) runs: usize,

@@ -1,4 +1,4 @@
-//! Forward search: adds the best column (candidate term) again and again, while the residual on held-out runs
+//! Forward search: repeatedly adds the best column (candidate term), as long as the residual on held-out runs
 //! decreases.
 //!
 //! A fold is a division into training runs and held-out runs. The rest of a column is the part that the chosen columns

@@ -101,14 +101,15 @@ impl Method {
         Method::ALL.iter().find(|(method, ..)| *method == self).map_or("", |(_, name, _)| *name)
     }
 
-    /// Returns whether the method shrinks or selects gains. The standard errors of such gains are calculated from their
-    /// spread between fits, because no formula gives them.
+    /// Returns whether the method fits gains with a penalty. No formula gives the standard errors of such
+    /// gains. They are calculated from the spread of the gains between fits.
     pub(crate) fn is_penalized(self) -> bool {
         matches!(self, Method::Whitened | Method::SparseLag | Method::RidgeLag | Method::Position)
     }
 
-    /// Returns the method that identifies the fallback model for a lost sensor. It is the same method, except for a
-    /// network: then it is a linear method, because a network is less reliable on unknown days.
+    /// Returns the method that identifies the fallback model for a lost sensor. For the network methods `rbf`
+    /// and `network`, the result is the linear method `whitened`, because a network is less reliable on
+    /// unknown days. For every other method, the result is the same method.
     pub(crate) fn stand_in(self) -> Method {
         match self {
             Method::Rbf | Method::Network => Method::Whitened,

@@ -1,5 +1,6 @@
-//! `lag`: `E = Σ K·L·ΔT·(1 − e^(−t/C))`, Janeczko 1989. A few sensors are used, each with one gain and one time
-//! constant.
+//! `lag`: `E = Σ K·L·ΔT·(1 − e^(−t/C))`, Janeczko 1989. K is the expansion coefficient of a part, L its
+//! length, ΔT its temperature change, and C its time constant. A few sensors are used, each with one gain K·L
+//! and one time constant.
 //!
 //! A forward search over the candidate terms, with one term per sensor, gives the sensors and the initial time
 //! constants. Then a golden-section search minimizes the residual over each time constant in turn. At every step of
@@ -30,8 +31,8 @@ const MOST_TERMS: usize = 4;
 const PENALTY: f64 = 1e-3;
 /// Number of passes over all time constants. Each pass optimizes every time constant once.
 const ROUNDS: usize = 4;
-/// Initial search range around a time constant, as a factor up and down. It is about the ratio of neighbouring time
-/// constants of the candidate terms.
+/// Factor by which the initial search range extends below and above a time constant. The factor is about the
+/// ratio of neighbouring time constants of the candidate terms.
 const AROUND: f64 = 2.2;
 /// Time constant below which a lag has no effect on log rows that are means of a minute, s. A term with a smaller time
 /// constant is written without a lag.

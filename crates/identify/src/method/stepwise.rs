@@ -1,4 +1,5 @@
-//! `stepwise`: terms are added and removed by partial F tests. Such a test needs the number of independent samples.
+//! `stepwise`: terms are added and removed by partial F tests. A partial F test requires the number of
+//! independent samples.
 //!
 //! Successive minute rows of a slow machine depend on each other. If each row counted as an independent sample, nearly
 //! every sensor would seem significant.

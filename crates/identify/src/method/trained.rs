@@ -1,10 +1,11 @@
 //! Common part of the network methods `rbf` and `network` (after Ren et al., Chen and Wang).
 //!
-//! The two methods use each input directly and through a few lags, as the gateway calculates them. If all rises (values
-//! minus references) are zero, the output of the network is zero, as with the linear methods. The smoothness of the
-//! network (its penalty and width, or the number of training rounds) is chosen on runs that are held out of the
-//! training runs, never on the run of the final validation. The criterion is the residual minus its mean in the run,
-//! because the range of the error in a run is the most important result.
+//! The two methods use each input directly and through a few lags, as the gateway calculates them. If all
+//! rises (values minus references) are zero, the output of the network is zero, as with the linear methods.
+//! The smoothness of a network depends on its penalty and width, or on the number of training rounds. These
+//! settings are chosen on runs that are held out of the training runs, never on the run of the final
+//! validation. The criterion is the residual minus its mean in the run, because the range of the error in a
+//! run is the most important result.
 //!
 //! If rows are averaged, the training uses means of rises. A gateway with a shorter period applies the network to each
 //! single rise. The results of a non-linear network then differ a little, by much less than the noise of a probe.
@@ -97,8 +98,8 @@ fn about_mean(left: &DVector<f64>) -> f64 {
     left.norm_squared() - left.mean().powi(2) * count(left.len())
 }
 
-/// Returns the index of the cost whose sum over all folds is the smallest; `None` if there are no folds. `costs`
-/// calculates the costs of all choices in a fold.
+/// Returns the index of the choice with the smallest sum of costs over all folds; `None` if there are no
+/// folds. `costs` calculates the cost of each choice in a fold.
 fn least(folds: &[Fold<'_>], costs: impl Fn(&Fold<'_>) -> Vec<f64> + Sync + Send) -> Option<usize> {
     let costs: Vec<Vec<f64>> = folds.par_iter().map(costs).collect();
     least_sum(costs).map(|(place, _)| place)

@@ -1,7 +1,7 @@
-//! `two-source`: Cz = Cw + Ch, Tachiya et al. 2013. The compensation value Cz is the sum of the effects of two sources
-//! of heat. In some runs only the first source is active, because the spindle does not turn. From these runs and the
-//! sensors of the first source, Cw is identified. The residual of Cw in the other runs gives Ch, from the sensors of
-//! the second source.
+//! `two-source`: Cz = Cw + Ch, Tachiya et al. 2013. The compensation value Cz is the sum of the effects of
+//! two sources of heat. In some runs only the first source is active, because the spindle does not turn. Cw
+//! is identified from these runs and the sensors of the first source. Ch is identified from the residual of
+//! Cw in the other runs and the sensors of the second source.
 
 use super::Settings;
 use crate::campaign::Campaign;

@@ -59,8 +59,8 @@ pub(super) struct Whitening {
     prior: Option<Vec<(Candidate, f64)>>,
 }
 
-/// Gains of each candidate term: `gains` are those of the model. If the model is a mean, `halves` are those of the
-/// ridge regression and of the elastic net.
+/// Gains of each candidate term. `gains` contains the gains of the model. If the model is a mean, `halves`
+/// contains the gains of the ridge regression and of the elastic net.
 pub(crate) struct Fitted {
     pub(crate) gains: Vec<f64>,
     pub(crate) halves: Option<Vec<[f64; 2]>>,
@@ -177,7 +177,8 @@ pub(crate) fn fit(products: &Products, runs: &[usize], columns: &[usize], bank: 
     }
 }
 
-/// Fits a ridge regression whose gains shrink towards those of an existing model (prior) instead of towards zero.
+/// Fits a ridge regression whose gains shrink towards the gains of an existing model (prior) instead of
+/// towards zero.
 fn towards(
     products: &Products,
     runs: &[usize],
@@ -203,8 +204,9 @@ fn towards(
     Fitted { gains: (gains + prior).component_div(&units).data.into(), halves: None }
 }
 
-/// Returns the divisor of each candidate term (column). The values of speeds and their squares are much larger than
-/// those of temperatures. Therefore both are scaled to the size of a typical temperature.
+/// Returns the divisor of each candidate term (column). The values of speeds and of squared speeds are much
+/// larger than the values of temperatures. Therefore speeds and squared speeds are scaled to the size of a
+/// typical temperature.
 fn units(products: &Products, runs: &[usize], columns: &[usize], bank: &Bank) -> DVector<f64> {
     let kind = |column: usize| {
         let candidate = bank.candidates[column];

@@ -53,8 +53,8 @@ fn spanned(values: impl IntoIterator<Item = f64>, places: usize) -> String {
     })
 }
 
-/// Formats the speeds of a run: each speed if there are at most six different speeds, otherwise the range of the
-/// speeds. A speed that takes less than a twentieth of the run is ignored.
+/// Formats the speeds of a run: each speed if there are at most six different speeds, otherwise the range of
+/// the speeds. A speed that occurs in less than a twentieth of the rows of the run is ignored.
 fn stages(values: &Series) -> String {
     const FEW: usize = 6;
     let mut held: Vec<f64> = values.iter().filter(|value| value.is_finite()).map(f64::round).collect();

@@ -92,7 +92,7 @@ pub(super) fn terms(found: &Identified) -> Markup {
     }
 }
 
-/// Returns the units of these gains, each once.
+/// Returns the units of these gains, without duplicates.
 fn units<'a>(terms: &[&'a TermFound]) -> Vec<&'a str> {
     let mut units: Vec<&str> = terms.iter().map(|term| term.unit.as_str()).collect();
     units.sort_unstable();

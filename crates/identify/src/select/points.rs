@@ -74,8 +74,8 @@ pub fn points<'a>(dataset: &'a Dataset, choice: &Choice) -> Result<Pointed<'a>, 
     Ok(Pointed { campaign, notes: Notes { excluded, omissions: Vec::new(), ambient, remarks } })
 }
 
-/// Handles runs that lack a point that other runs have. Either these runs or the point are left out, whichever gives
-/// the smaller error. A remark of the dataset states the choice.
+/// Handles incomplete runs: a run may lack a point that other runs have. Leaves out either these runs or the
+/// point, whichever gives the smaller error. A remark of the dataset states the choice.
 pub fn without_incomplete(dataset: &mut Dataset, choice: &Choice) {
     let error = choice.error.as_deref().and_then(|name| dataset.column(name));
     let Some(error) = error.filter(|_| dataset.repeats.is_empty()) else { return };

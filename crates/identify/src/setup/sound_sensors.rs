@@ -109,8 +109,8 @@ fn find_freezes(
     (freezes(&campaign, dataset, &count_of), untested(&campaign))
 }
 
-/// Returns for each sensor that is left out how this changes the residual error. Sensors in `known` are not calculated
-/// again.
+/// Returns the effect of leaving out each excluded sensor on the residual error. Sensors in `known` are
+/// skipped.
 fn costs(
     campaign: &Campaign<'_>,
     inputs: &[Input],

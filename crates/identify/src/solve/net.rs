@@ -8,9 +8,10 @@ use crate::gram::Gram;
 /// search of Lee, Battle, Raina and Ng (2006) gives the exact solution. Coordinate descent needs many thousand rounds
 /// if columns are similar.
 ///
-/// A column is active if its gain is not zero; the sign of the column is that of its gain. With fixed signs, the gains
-/// are the solution of one linear system. The Cholesky factor of that system is updated for each added or removed
-/// column. A column whose sign would change is removed. The inactive column with the largest gradient is added.
+/// A column is active if its gain is not zero. The sign of a column is the sign of its gain. With fixed
+/// signs, the gains are the solution of one linear system. The Cholesky factor of that system is updated for
+/// each added or removed column. A column whose sign would change is removed. The inactive column with the
+/// largest gradient is added.
 pub(crate) struct Net<'a> {
     scaled: &'a Gram,
     l2: f64,

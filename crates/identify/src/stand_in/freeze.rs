@@ -14,14 +14,15 @@
 //!   before.
 //! - The period lasts to the end of the run and for at least half an hour, and D exceeds θ at the end.
 //!
-//! The reading of a good sensor in thermal equilibrium is constant, too, but its next change is only one or two counts.
-//! A fast sensor may change by many counts within one row. Therefore the step of a sensor with coarse counts must also
-//! be twice as large as its own largest step. The air of a hall may be constant for hours, and the other sensors
-//! predict it badly. Therefore D of a sensor with coarse counts must also exceed the usual error of x̂ at the end of a
-//! run.
+//! The reading of a good sensor in thermal equilibrium is constant, too, but its next change is only one or
+//! two counts. A fast sensor may change by many counts within one row. Therefore the step of a sensor with
+//! coarse counts must also be twice as large as the largest other step of this sensor. The air of a hall may
+//! be constant for hours, and the other sensors predict it badly. Therefore D of a sensor with coarse counts
+//! must also exceed the usual error of x̂ at the end of a run.
 //!
-//! Predictions are unreliable outside the range of the other runs. Therefore the rises from which x̂ is calculated are
-//! clipped to this range. A sensor whose constant reading is far outside its own range in the other runs is not tested.
+//! Predictions are unreliable outside the range of the other runs. Therefore the rises from which x̂ is
+//! calculated are clipped to this range. A sensor is not tested if its constant reading is far outside the
+//! range of its readings in the other runs.
 //!
 //! A false alarm costs more than an undetected freeze. An earlier, less strict test wrongly left out eight of twelve
 //! good sensors of two machines. The residual error of the models was then nearly twice as large.

@@ -43,8 +43,8 @@ pub struct Frozen {
     pub range: (f64, f64),
     /// Range of the residual error that would result if the freeze were not detected, µm.
     pub range_unnoticed: f64,
-    /// Whether the sensor would be reported as frozen somewhere in this run without the simulated freeze, although it
-    /// is good.
+    /// Whether the sensor is reported as frozen at any time in this run without a simulated freeze, although
+    /// it is good.
     pub false_alarm: bool,
 }
 

@@ -2,9 +2,9 @@
 //! with a keyword such as `*NODE`, together with the data lines below it. A part contains a mesh; an instance puts the
 //! part at a position in the assembly.
 //!
-//! One instance is supported. Several instances would need a joint other than common nodes. A name that the part
-//! defines does not change, unless the assembly defines the same name. In that case, the name of the part becomes
-//! `INSTANCE.NAME`.
+//! Only one instance is supported, because parts of a mesh can be joined only at common nodes. A name that
+//! the part defines does not change, unless the assembly defines the same name. In that case, the name of the
+//! part becomes `INSTANCE.NAME`.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::rc::Rc;
@@ -84,7 +84,7 @@ pub(super) fn without_parts(cards: Vec<Card>, faults: &mut Faults) -> Option<Vec
     (faults.len() == before).then_some(cards)
 }
 
-/// Divides the cards into blocks. Adds an error for the first card of a block in a wrong place.
+/// Divides the cards into blocks. If a card begins or ends a block incorrectly, adds an error and stops.
 fn blocks(cards: Vec<Card>, faults: &mut Faults) -> Blocks {
     let mut blocks = Blocks::default();
     let mut open = Block::Model;

@@ -132,8 +132,8 @@ pub(super) struct Card {
     /// Parameters of the card: names in capitals without blanks, and values as written.
     parameters: Vec<(String, Option<String>)>,
     pub(super) lines: Vec<Line>,
-    /// Position of the instance to which the nodes of the card belong; `None` if their coordinates are those of the
-    /// model.
+    /// Position of the instance to which the nodes of the card belong. `None` if the nodes have coordinates
+    /// of the model.
     pub(super) position: Option<Rc<Position>>,
 }
 

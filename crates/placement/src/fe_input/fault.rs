@@ -68,7 +68,7 @@ impl Faults {
         self.described.is_empty()
     }
 
-    /// Returns whether the only error is that this file has no cards. It may then be a file of any other kind.
+    /// Returns whether the only error is that this file has no cards. Such a file may be in another format.
     #[must_use]
     pub fn is_without_cards(&self, path: &Path) -> bool {
         matches!(&self.described[..], [only] if only.message == WITHOUT_CARDS && only.file == path)

@@ -82,7 +82,8 @@ const STEP: &str = "INC AMPLITUDE NLGEOM UNSYMM EXTRAPOLATION";
 const PRINTED: &str = "NSET ELSET FREQUENCY FREQUENCYF TOTALS GLOBAL OUTPUT TIMEPOINTS NODES 2D 3D FIELD HISTORY VARIABLE OP \
                        NUMBERINTERVAL TIMEINTERVAL DIRECTIONS LASTITERATIONS CONTACTELEMENTS SURFACE";
 
-/// Reads the cards. Returns the content of the files, or all errors, including those that `faults` already contains.
+/// Reads the cards. Returns the content of the files, or all errors, including the errors that `faults`
+/// already contains.
 pub(super) fn read(path: &Path, cards: Vec<Card>, mut faults: Faults) -> Result<FeInput, Faults> {
     let Some(cards) = assembly::without_parts(cards, &mut faults) else { return Err(faults) };
     let known = known(&cards, &mut faults);

@@ -1,5 +1,6 @@
-//! Reader functions of the cards of a load case: initial temperatures, prescribed temperatures, and the step. The step
-//! contains heat transfer, films, fluxes, and print requests.
+//! Reader functions of the cards of a load case: initial temperatures, prescribed temperatures, and the step.
+//! The step contains heat transfer, films, fluxes, and print requests. A card is a line with a keyword such
+//! as `*NODE`, together with the data lines below it.
 
 use std::path::Path;
 
@@ -33,7 +34,7 @@ pub(super) fn heat_transfer(reader: &mut Reader, card: &Card) -> Result<(), Faul
     case.map(drop)
 }
 
-/// Maximum number of time steps in a load case; more would take too long.
+/// Maximum number of time steps in a load case. A larger number would require too much computing time.
 const MOST_STEPS: f64 = 100_000.0;
 
 fn transient(card: &Card) -> Result<Case, Fault> {
@@ -73,8 +74,8 @@ fn loads(
     Ok(())
 }
 
-/// Returns the side in the second value of the line, for example 2 of `F2`. Returns `None` if this value is only the
-/// letter, because the first value then names a surface.
+/// Returns the side in the second value of the line, counted from 0: `F2` gives 1. Returns `None` if this
+/// value is only the letter, because the first value then names a surface.
 fn side_or_surface(line: &Line, letter: &str) -> Result<Option<usize>, Fault> {
     if line.text(1).eq_ignore_ascii_case(letter) { Ok(None) } else { side(line, letter).map(Some) }
 }
@@ -149,8 +150,8 @@ enum Held {
     Temperature(f64),
 }
 
-/// Parses directions and value of a line of `*BOUNDARY`. `ENCASTRE` and `PINNED` are names of Abaqus. A solid has no
-/// rotations (directions 4 to 6), so they fix nothing.
+/// Parses directions and value of a line of `*BOUNDARY`. The Abaqus names `ENCASTRE` and `PINNED` fix x, y
+/// and z. The directions 4 to 6 are rotations, which have no effect on a solid.
 fn held(line: &Line, scale: Option<Scale>) -> Result<Held, Fault> {
     if line.len() == 2 && ["ENCASTRE", "PINNED"].contains(&line.text(1).to_uppercase().as_str()) {
         return Ok(Held::Directions(1..=3));

@@ -1,4 +1,5 @@
-//! Materials, and their assignment to elements.
+//! Reader functions of the cards that define materials and assign them to elements. A card is a line with a
+//! keyword such as `*NODE`, together with the data lines below it.
 
 use std::collections::BTreeMap;
 

@@ -1,4 +1,5 @@
-//! Reader functions of the cards that define nodes, elements, sets and surfaces.
+//! Reader functions of the cards that define nodes, elements, sets and surfaces. A card is a line with a
+//! keyword such as `*NODE`, together with the data lines below it.
 
 use super::Fault;
 use super::card::{Card, Line, Location, quoted};

@@ -1,4 +1,5 @@
-//! Position of an Abaqus instance in the model.
+//! Position of an Abaqus instance in the model. An instance is a part of the input file that is placed in the
+//! assembly.
 
 use crate::element::{cross, dot, minus};
 

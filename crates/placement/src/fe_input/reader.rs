@@ -36,7 +36,7 @@ pub(super) struct Reader {
     /// Outer faces of each surface. The key is the name of the surface.
     pub(super) surfaces: BTreeMap<String, Vec<Face>>,
     pub(super) materials: Vec<Draft>,
-    /// Index of the material of each element.
+    /// Index of the material of each element; `None` if the element has no material.
     pub(super) of_element: Vec<Option<usize>>,
     /// Members of the node sets (`true`) and element sets (`false`) that several cards define together. A file may have
     /// one card for each member.
@@ -220,8 +220,8 @@ impl Reader {
         self.mesh.xyz = self.nodes.iter().map(|(_, xyz, _)| *xyz).collect();
     }
 
-    /// Removes the nodes that are in no element, as CalculiX does. Gmsh writes such nodes: centres of circles, and
-    /// surfaces that bound no volume.
+    /// Removes the nodes that are in no element, as CalculiX does. Gmsh writes such nodes, for example the
+    /// centres of circles, and the nodes of surfaces that bound no volume.
     pub(super) fn remove_free_nodes(&mut self) {
         let used = self.mesh.used();
         if !used.contains(&false) {

@@ -1,4 +1,5 @@
-//! Scale of the temperatures of a load case: °C or kelvin, which a file does not state.
+//! Scale of the temperatures of a load case: °C or kelvin. A file does not state the scale. The first initial
+//! temperature determines the scale.
 
 use super::Fault;
 use super::card::Line;

@@ -235,8 +235,8 @@ impl<'a> Search<'a> {
         self.settle(self.stand(best.1))
     }
 
-    /// Moves the sensor of each block in turn to its best node, until no change helps. Returns the cost, and the index
-    /// of the selected candidate of each block.
+    /// Moves the sensor of each block in turn to the node with the lowest cost, until no move reduces the
+    /// cost. Returns the cost, and the index of the selected candidate of each block.
     fn settle(&self, mut at: SearchState) -> (f64, Vec<usize>) {
         loop {
             let before = at.cost;

@@ -1,7 +1,8 @@
 //! Method of JP 6507619 B2 (JTEKT): its steps S1 to S12 on one load case.
 //!
 //! - S1–S4, done before: mesh and blocks; nodal temperatures θ1; the displacement δ1 that they cause.
-//! - S5, S6: block temperatures θ2, initially the mean of each block's nodes; the displacement δ2 = P·θ2.
+//! - S5, S6: block temperatures θ2, initially the mean of each block's nodes; the displacement δ2 = P·θ2. The
+//!   matrix P is the displacement of the guideway for each block that is 1 K warmer.
 //! - S7: if δ2 is close enough to δ1, continue with S11.
 //! - S8: the displacement δ3 of each tendency pattern θ3; selects the pattern with the δ3 most similar to δ1 − δ2.
 //! - S9: the difference degree r, by least squares of δ1 − δ2 on δ3.

@@ -1,4 +1,5 @@
-//! Results for one load case that take most of the time, and are independent of the other results.
+//! Results for one load case that require most of the computing time. They are independent of the other
+//! results, and are calculated in parallel.
 
 use crate::methods::bounded::bounded;
 use crate::methods::multi_case::{Effort, Tolerance, multi_case};

@@ -11,7 +11,7 @@ pub struct Snapshot {
     pub metrics: Vec<Metric>,
     /// Events since the previous snapshot, oldest first.
     pub events: Vec<PlantEvent>,
-    /// Difference between wall-clock time and the monotonic time `now` of the [`Publisher`](super::Publisher).
+    /// Shift from the monotonic time `now` of the [`Publisher`](super::Publisher) to wall-clock time.
     pub shift: Shift,
 }
 

@@ -1,4 +1,4 @@
-//! Commands that arrive below `GROUP/MACHINE/command`.
+//! Commands that arrive on the MQTT topics below `GROUP/MACHINE/command`.
 
 use isotherm_core::compensation::MeasuredReport;
 use serde::Deserialize;

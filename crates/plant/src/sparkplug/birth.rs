@@ -110,7 +110,7 @@ pub(super) fn measured_axis(name: &str) -> Option<&str> {
     name.strip_prefix("axis/")?.strip_suffix(MEASURED)?.strip_suffix('/')
 }
 
-/// Returns the names of the axes in a snapshot, each once.
+/// Returns the names of the axes in a snapshot, without duplicates.
 pub(super) fn axes(snapshot: &Snapshot) -> Vec<&str> {
     let mut axes: Vec<&str> = Vec::new();
     for metric in &snapshot.metrics {

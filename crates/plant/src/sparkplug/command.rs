@@ -10,7 +10,8 @@ use super::datum::{DataType, Datum};
 use super::payload::{Metric, Payload, PropertyRaw, Raw};
 use crate::interface::{Command, Outcome, Snapshot};
 
-/// Maximum age of a measured error. An older error was measured with another compensation value (Cz).
+/// Maximum difference between the current time and the time stamp of a message with a measured error. An
+/// older message may contain an error that was measured with another compensation value (Cz).
 const HEEDED_FOR: Duration = Duration::from_secs(60);
 
 /// Maximum length of a metric name in a refusal, in characters. The rest of a longer name is cut.
@@ -25,8 +26,8 @@ pub(super) struct CommandResult {
     pub(super) outcome: Option<Outcome>,
 }
 
-/// Evaluates a received command message from an untrusted sender. If the message contains several commands other than a
-/// request for a birth, only the birth is executed.
+/// Evaluates a received command message from an untrusted sender. A message may contain a request for a birth
+/// and one other command. If it contains several other commands, all of these are refused.
 pub(super) fn receive(
     bytes: &[u8],
     now: Moment,

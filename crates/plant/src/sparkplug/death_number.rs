@@ -13,8 +13,8 @@ pub(super) struct DeathNumber {
 }
 
 impl DeathNumber {
-    /// Creates the state at the start of the gateway. `sent` is the last death number of the previous run; `None` if
-    /// there is none.
+    /// Creates the state at the start of the gateway. `sent` is the last death number that an earlier run
+    /// sent; `None` if no number is known.
     pub(super) fn after(sent: Option<u8>) -> DeathNumber {
         DeathNumber { sent, current: 0 }.next()
     }

@@ -2,13 +2,14 @@
 //!
 //! ```text
 //! { "online": true, "timestamp": 1800000000000 }     the host is online since this time, ms since 1970
-//! { "online": false, "timestamp": 1800000000000 }    the host is offline; a will has the time of the host's birth
+//! { "online": false, "timestamp": 1800000000000 }    offline; in a last will, the time of the host's birth
 //! ```
 //!
-//! A message with an older time than that of the last accepted message is ignored. At the start of each connection,
-//! this time is forgotten, because the retained message of the broker is the newest. Otherwise a host whose clock was
-//! once ahead would be ignored until the gateway is restarted. If an offline host reports itself as online with an
-//! older time, the message is refused with a reason, because the node keeps waiting.
+//! A message is ignored if its time is older than the time of the last accepted message. At the start of each
+//! connection, the gateway forgets the last accepted time, because the message that the broker has retained
+//! is the newest. Otherwise a host whose clock was once ahead would be ignored until the gateway is
+//! restarted. If an offline host reports itself as online with an older time, the message is refused with a
+//! reason, because the node keeps waiting.
 
 use serde::Deserialize;
 

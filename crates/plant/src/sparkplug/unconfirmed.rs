@@ -19,8 +19,8 @@ const MOST_BYTES: usize = 1024 * 1024;
 pub(super) struct Unconfirmed {
     published: VecDeque<(Moment, Record)>,
     bytes: usize,
-    /// Removed records that were too many for the limit of memory: time of publication, and number of records of this
-    /// time. Most of these records have reached the broker.
+    /// Numbers of records that were removed because the memory limit was reached, each with the time of
+    /// publication of these records. Most of the removed records have reached the broker.
     removed: VecDeque<(Moment, u64)>,
     dropped: u64,
 }

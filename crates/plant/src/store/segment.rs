@@ -1,4 +1,5 @@
-//! Files of records in a store: a header, then one record after the other. A file is only appended to.
+//! Files of records in a store: a header, then one record after the other. Records are only appended, and
+//! never changed.
 
 use std::fs::{self, File};
 use std::io::{self, Read, Write};

@@ -170,7 +170,8 @@ fn requests(_: &Device, signals: &SignalsOf<'_>) -> Vec<ReadRequest> {
     groups.into_iter().map(read).collect()
 }
 
-/// Preview of the settings of the serial port. Empty if the devices are connected through a serial server.
+/// Returns the preview of the settings of the serial port. Empty if the devices are connected through a
+/// serial server.
 fn preview(profile: &Profile, bus: BusId) -> Vec<(&'static str, Section)> {
     let described = |settings: String| {
         let mut section = Section::default();

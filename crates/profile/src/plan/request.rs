@@ -148,7 +148,7 @@ impl ReadRequest {
         self.values().map(name).chain(scales).collect()
     }
 
-    /// Preview of the request and the signals in its answer.
+    /// Returns the preview of the request and the signals in its answer.
     pub(crate) fn preview(&self, profile: &Profile) -> Section {
         let function = self.span().map_or(0, |(from, _)| from.table.read_function());
         let signals = self.signals(profile);

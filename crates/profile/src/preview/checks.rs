@@ -1,5 +1,5 @@
-//! Preview of the checks (`verify`) of a device that are repeated in operation. It states their periods, and how far an
-//! axis may move before a changed setting is detected.
+//! Preview of the checks (`verify`) of a device that are repeated in operation. It states their periods, and
+//! how far Cz (the compensation value) of an axis may change before a changed setting is detected.
 
 use std::time::Duration;
 
@@ -27,8 +27,8 @@ pub fn stretch(profile: &Profile, bus: BusId) -> f64 {
     (share.sum::<f64>() / SHARE).max(1.0)
 }
 
-/// Returns the period of a check, multiplied by the factor `stretch` of its line. A longer period is rounded up to
-/// whole seconds.
+/// Returns the period of a check, multiplied by the factor `stretch` of its line. An extended period is
+/// rounded up to whole seconds.
 pub fn period(check: &Expected, stretch: f64) -> Duration {
     if stretch <= 1.0 {
         return check.every;
@@ -63,8 +63,8 @@ pub(super) fn readers(profile: &Profile) -> Members {
     pairs.collect()
 }
 
-/// Returns the checks of a device with their actual periods, and a list of sentences. The sentences state how far each
-/// axis that reads from the device (`readers`) may move before a changed setting is detected.
+/// Returns the checks of a device with their actual periods, and a list of sentences. The sentences state how
+/// far Cz may change before a changed setting is detected, for each axis that uses the device (`readers`).
 pub(super) fn preview(
     profile: &Profile,
     (id, device): (DeviceId, &Device),

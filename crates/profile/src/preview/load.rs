@@ -1,9 +1,9 @@
 //! Load of a bus line: the exchanges per second, and the share of time for which they occupy the line. An exchange is a
 //! request with its answer.
 //!
-//! The load assumes the busiest time without a fault, when every axis moves at each update. Profiles do not state the
-//! answer time of devices, so a typical one is assumed. The preview also shows the answer time at which the line would
-//! be full.
+//! The load is calculated for the busiest time without a fault, when Cz of every axis changes at each update.
+//! Profiles do not state the answer time of devices, so a typical answer time is assumed. The preview also
+//! shows the answer time at which the line would be full.
 
 use std::time::Duration;
 
@@ -23,7 +23,7 @@ const FULL: f64 = 100.0;
 /// Load of a bus line: the share of time for which the exchanges occupy the line.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Load {
-    /// Exchanges per second while every axis moves at each update.
+    /// Exchanges per second while Cz of every axis changes at each update.
     pub exchanges_per_second: f64,
     /// Share of the line's time for reading signals, in percent.
     pub polls_percent: f64,
@@ -106,9 +106,9 @@ pub fn warnings(profile: &Profile) -> Vec<ProfileError> {
 }
 
 impl Load {
-    /// Calculates the load of each line, in the order of the buses. Returns `None` for a line on which nothing is
-    /// requested, for example a CAN line whose devices send by themselves. Returns `None` for sensors of this computer
-    /// too, because all are read at the same time.
+    /// Calculates the load of each line, in the order of the buses. An entry is `None` if nothing is
+    /// requested on the line, for example on a CAN line whose devices send by themselves. The entry is also
+    /// `None` for sensors of this computer, because all of them are read at the same time.
     pub fn of_lines(profile: &Profile) -> Vec<Option<Load>> {
         let lines = profile.buses.iter().zip(traffic(profile));
         lines.map(|(bus, asked)| Load::of_exchanges(profile, bus, &asked)).collect()

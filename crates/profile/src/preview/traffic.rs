@@ -27,7 +27,8 @@ pub(super) struct Exchange {
     pub(super) writes: bool,
 }
 
-/// Returns all exchanges on each line, in the order of the buses. Every axis is assumed to move at each update.
+/// Returns all exchanges on each line, in the order of the buses. Cz of every axis is assumed to change at
+/// each update.
 pub(super) fn traffic(profile: &Profile) -> Vec<Vec<Exchange>> {
     let mut traffic = Traffic { profile, asked: vec![Vec::new(); profile.buses.len()] };
     traffic.polls();

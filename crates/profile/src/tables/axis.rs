@@ -123,7 +123,7 @@ pub struct Axis {
 }
 
 impl Axis {
-    /// Preview of the axis: calculation, direction, limits and rate of Cz.
+    /// Returns the preview of the axis: calculation, direction, limits and rate of Cz.
     pub(crate) fn preview(&self, signals: &[Signal], all_over: &mut [UniformTemperature]) -> Section {
         let AxisSettings { name, guard, levels, .. } = &self.settings;
         let models = self.settings.own_models();

@@ -103,7 +103,7 @@ pub(crate) struct LineType {
     pub(crate) word: BusType,
     /// Name of this type of line in the preview.
     pub(crate) title: &'static str,
-    /// Keys of the table `OWNERS` that lines of this type may have.
+    /// Keys of the table `OWNERS` (in `bus/resolve.rs`) that lines of this type may have.
     pub(crate) keys: &'static [&'static str],
     /// Key whose value identifies the physical line, for example `port`. Two buses must not have the same value,
     /// because they would receive each other's answers. `None` if several buses can use the same physical line.
@@ -160,8 +160,8 @@ pub struct Sync {
 }
 
 impl Bus {
-    /// Preview of the line: its kind and address, its serial port or CAN interface, the Modbus gateway on it, and its
-    /// load.
+    /// Returns the preview of the line: its kind and address, its serial port or CAN interface, the devices
+    /// behind a Modbus gateway, and its load.
     pub(crate) fn preview(
         &self,
         (title, reads_only): (&str, Option<&str>),

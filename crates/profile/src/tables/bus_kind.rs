@@ -75,8 +75,8 @@ pub(crate) struct BusKind {
     /// Reports wrong combinations of keys of a signal on the named device. Returns the reported keys that belong to
     /// other kinds of buses.
     pub(crate) check_signal: fn(&RawSignal, &KeyContext<'_>, &str) -> &'static [&'static str],
-    /// Returns whether a signal states where it is read on a line of this kind, for example a register. Also returns
-    /// `true` if the function `signal` reports the missing key.
+    /// Returns whether a signal has the key that states its address on a line of this kind, for example
+    /// `register`. Also returns `true` if the function `signal` reports the missing key.
     pub(crate) has_place: fn(&RawSignal) -> bool,
     /// Returns whether the value of a signal arrives without a request, so that no poll period limits its age.
     pub(crate) comes_by_itself: fn(&RawSignal) -> bool,
@@ -105,8 +105,9 @@ pub(crate) struct BusKind {
     pub(crate) preview: fn(&Profile, BusId) -> Vec<(&'static str, Section)>,
     /// Returns whether a check (`verify`) could detect that this device has been replaced by another one.
     pub(crate) can_be_identified: fn(&Device) -> bool,
-    /// Returns the registers or other places of a written value as texts. The arguments are Modbus unit identifier,
-    /// address, and number of registers. Empty for an address of another kind.
+    /// Returns the addresses of a written value as texts, for example one text for each register. The
+    /// arguments are Modbus unit identifier, address, and number of registers. Empty for an address of
+    /// another kind.
     pub(crate) written: fn(u8, &Address, u16) -> Vec<String>,
 }
 

@@ -1,5 +1,6 @@
-//! Checks which tables of the profile use the same registers or OPC UA nodes. The registers of two tables must not
-//! overlap, unless both are the same value and at most one of them writes it. Two tables must not write the same register or node.
+//! Checks which tables of the profile use the same registers or OPC UA nodes. Registers of two tables may
+//! overlap only if both tables name the same value, and at most one of them writes it. Two tables must not
+//! write the same register or node.
 
 use std::collections::hash_map::Entry;
 use std::collections::{BTreeSet, HashMap, HashSet};

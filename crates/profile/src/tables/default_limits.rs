@@ -6,8 +6,8 @@ use super::check::{Check, Tables};
 use isotherm_core::compensation::model::{Model, StandIns};
 use isotherm_core::reading::SignalId;
 
-/// Sets the default limits of all signals. The axes must be resolved before, because their models decide which signals
-/// are used.
+/// Sets the default limits of all signals. The axes must be resolved before this call, because their models
+/// decide which signals are used.
 pub(super) fn set_default_limits(check: &mut Check<'_>) {
     let models = check.axes.valid().flat_map(|axis| &axis.settings.models);
     let used: HashSet<SignalId> = models.flat_map(signals_of).collect();

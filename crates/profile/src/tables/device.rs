@@ -168,8 +168,8 @@ impl Device {
         !self.verify.is_empty() || self.can.as_ref().is_some_and(|can| !can.setup.is_empty())
     }
 
-    /// Preview of the device: its description, its read requests, its checks, and its template. `bounds` states how far
-    /// each axis may move before a changed setting of the device is detected.
+    /// Returns the preview of the device: its description, its read requests, its checks, and its template.
+    /// `bounds` states how far Cz of each axis may change before a changed setting of the device is detected.
     pub(crate) fn preview(
         &self,
         (bus, described): (&str, &str),

@@ -55,7 +55,7 @@ pub struct Handshake {
 }
 
 impl Handshake {
-    /// Preview of the handshake. `function` is the Modbus function that writes one register.
+    /// Returns the preview of the handshake. `function` is the Modbus function that writes one register.
     pub(super) fn preview(&self, function: u8) -> Section {
         let function = match &self.strobe {
             Bit::Flag(flag) if flag.address.table.is_bits() => 5,

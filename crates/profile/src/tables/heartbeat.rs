@@ -54,13 +54,13 @@ impl Heartbeat {
         self.address.node().map_or(DataType::U16, Node::taken_as)
     }
 
-    /// Returns the largest value of the counter: that of its type, at most 65535.
+    /// Returns the largest value of the counter: the maximum of its data type, but at most 65535.
     pub fn highest(&self) -> u16 {
         let highest = self.data_type().integer_range().map_or(0, |(_, highest)| highest);
         u16::try_from(highest).unwrap_or(u16::MAX)
     }
 
-    /// Preview of the heartbeat: register or node, and period.
+    /// Returns the preview of the heartbeat: register or node, and period.
     pub(crate) fn preview(&self, device: &Device) -> Section {
         let function = self.address.register().map_or(0, |_| device.functions.write_code(1));
         let by = if function == 0 { String::new() } else { format!("; function {function:02}, 1 register") };

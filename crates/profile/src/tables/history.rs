@@ -33,7 +33,7 @@ pub(crate) struct RawHistory {
 /// Storage of state and logs.
 #[derive(Clone, Debug, PartialEq)]
 pub struct History {
-    /// Directory. `None` for the state directory of the platform.
+    /// Directory of the saved state and of the logs. `None` for the state directory of the platform.
     pub directory: Option<PathBuf>,
     /// Time for keeping logs. Older logs are deleted.
     pub keep: Duration,

@@ -1,7 +1,8 @@
 //! `[mqtt]`: publication of values and events to an MQTT broker.
 //!
-//! The files are read with the profile, so that a missing file is reported at its key. The module that connects checks
-//! their content, because only that module has a TLS library.
+//! The certificate, key and password files are read together with the profile, so that a missing file is
+//! reported at its key. The module that connects to the broker checks their content, because only that module
+//! has a TLS library.
 
 use std::time::Duration;
 

@@ -173,7 +173,8 @@ fn triggers(at: &KeyContext<'_>, written: &[String]) -> Option<Vec<&'static str>
 }
 
 impl Notify {
-    /// Preview of one server: its address, token file, trusted certificates, and the events that are posted.
+    /// Returns the preview of one server: its address, token file, trusted certificates, and the events that
+    /// are posted.
     pub(crate) fn preview(&self) -> Section {
         let mut section = Section::default();
         let (to, on) = (self.url.to_string(), self.on.join(", "));

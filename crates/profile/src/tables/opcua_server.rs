@@ -1,7 +1,8 @@
 //! `[opcua_server]`: OPC UA server of the gateway, for clients of the plant.
 //!
-//! The files are read with the profile, so that a missing file is reported at its key. The module that serves checks
-//! their content, because only that module has an OPC UA library.
+//! The certificate, key and password files are read together with the profile, so that a missing file is
+//! reported at its key. The module that runs the server checks their content, because only that module has an
+//! OPC UA library.
 
 use std::time::Duration;
 

@@ -67,9 +67,10 @@ pub(crate) struct RawOutput {
     pub(crate) sdo: Option<String>,
     /// CAN frame that is written, for example { id = 0x300, start = 0, length = 32, order = "little", signed = true }.
     pub(crate) frame: Option<RawFrame>,
-    /// Place from which a write is verified, if it differs from the written place. Modbus: the register in which the
-    /// control reports the applied value. Process data and frames: the CANopen object that contains the written value,
-    /// with the same length, for example "6004:00". Required for process data and frames, except for a display.
+    /// Address from which a write is verified, if this is not the written address. Modbus: the register in
+    /// which the control reports the applied value. Process data and frames: the CANopen object that contains
+    /// the written value, with the same length, for example "6004:00". Required for process data and frames,
+    /// except for a display.
     pub(crate) read_back: Option<ReadBackValue>,
     /// Order of the registers. Required for 32 bits and more.
     pub(crate) word_order: Option<WordOrderWord>,
@@ -86,7 +87,8 @@ pub(crate) struct RawOutput {
     /// Period for writing an unchanged value again.
     #[schemars(extend("x-layers" = "free"))]
     pub(super) refresh: Option<Timespan>,
-    /// Interlock: condition on signals for writing. While it is not met, the register value stays.
+    /// Interlock: condition on signals. While the condition is not met, the gateway does not write to the
+    /// output.
     when: Option<String>,
     /// Ownership of the register. "whole": the gateway owns it. "ledger": an operator also writes to it. The
     /// register ledger on disk stores the gateway share (part of the value that the gateway has added). Default
@@ -129,7 +131,7 @@ pub struct Output {
     pub axis: AxisId,
     /// Device that is written to.
     pub device: DeviceId,
-    /// Address of the output: its first register, its object or node, or its place in a frame.
+    /// Address of the output: its first register, its object or node, or its bits in a frame.
     pub address: Address,
     /// Encoding of the value in registers.
     pub encoding: Encoding,
@@ -141,7 +143,8 @@ pub struct Output {
     pub refresh: Option<Duration>,
     /// Interlock: condition for writing. `None` if the output has no interlock.
     pub when: Option<Condition>,
-    /// Output set to which the output belongs. An output with its own handshake has an output set of its own.
+    /// Output set that contains the output. An output with its own handshake is the only output of its set.
+    /// `None` if the output is written alone, without a handshake.
     pub set: Option<SetId>,
     /// Signal that changes at every start of the CNC (boot counter). `None` if the profile names no boot counter.
     pub boot_counter: Option<SignalId>,
@@ -174,8 +177,8 @@ impl Output {
         is_offset && self.set.is_none()
     }
 
-    /// Pairs register values with their register numbers, from the first register of the output. Empty if the output is
-    /// not in registers.
+    /// Iterates over the register numbers of the output, each with its value from `contents`. The iterator is
+    /// empty if the output is not in registers.
     pub fn cells(&self, contents: &[u16]) -> impl Iterator<Item = (u16, u16)> {
         let first = self.address.register().map(|register| register.offset..);
         first.into_iter().flatten().zip(contents.iter().copied())
@@ -202,12 +205,12 @@ pub(crate) struct Target {
 }
 
 impl RawOutput {
-    /// Returns whether the output writes something other than a position plus Cz (`writes = "corrected"`).
+    /// Returns whether the key `writes` is present, and is not "corrected" (a position plus Cz).
     pub(crate) fn is_written_as_cz(&self) -> bool {
         self.writes.is_some_and(|writes| writes != WritesWord::Corrected)
     }
 
-    /// Returns whether the output writes something other than an offset (`writes = "offset"`).
+    /// Returns whether the key `writes` is present, and is not "offset".
     fn is_no_offset(&self) -> bool {
         self.writes.is_some_and(|writes| writes != WritesWord::Offset)
     }
@@ -222,7 +225,8 @@ impl RawOutput {
         if self.is_accepted_by_echo() { Verify::Echo } else { Verify::ReadBack }
     }
 
-    /// Resolves the key `scale`: the size of one count, in the unit of the output.
+    /// Resolves the key `scale`: the size of one count, in the unit of the output. `None` if the type or the
+    /// scale has an error, which is reported.
     pub(crate) fn scale(&self, at: &KeyContext<'_>, data_type: Option<DataType>) -> Option<Scale> {
         let is_whole = data_type?.integer_range().is_some();
         match self.scale {

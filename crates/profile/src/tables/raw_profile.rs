@@ -21,9 +21,10 @@ use super::web::RawWeb;
 
 /// One machine: its buses, devices, signals, axes and outputs.
 ///
-/// The JSON schema is generated from the `Raw…` types, and each layer is checked against it. Editors and error messages
-/// show the doc comments of the fields. Every key is an `Option`, even if it is required. The schema check reports
-/// missing and wrong keys and leaves them out, so that the other keys can still be checked.
+/// The JSON schema is generated from the `Raw…` types. Each layer of a profile (file, local file,
+/// environment, `--set`) is checked against the schema. Editors and error messages show the doc comments of
+/// the fields. Every key is an `Option`, even if it is required. The schema check reports missing and wrong
+/// keys and leaves them out, so that the other keys can still be checked.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 #[schemars(

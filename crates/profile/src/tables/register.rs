@@ -206,7 +206,8 @@ pub(crate) fn one(register: Register) -> DataType {
     if register.table.is_bits() { DataType::Bool } else { DataType::U16 }
 }
 
-/// Returns the noun for the preview of a scale: "count", or "unit" for an OPC UA node with a floating-point type.
+/// Returns the noun after "per" in the preview of a scale, as in "0.1 µm per count". The noun is "count", or
+/// "unit" for an OPC UA node with a floating-point type.
 pub(crate) fn one_of(address: &Address) -> &'static str {
     match address.node().map(|node| node.taken_as().integer_range()) {
         Some(None) => "unit",
@@ -268,7 +269,8 @@ pub(crate) fn fits(at: &KeyContext<'_>, address: Register, data_type: DataType) 
     }
 }
 
-/// Resolves the key `word_order`. Reports it if it is missing and required.
+/// Resolves the key `word_order`. Without the key, a value of one register has the order `MswFirst`. For a
+/// longer value, reports the missing key and returns `None`. Also returns `None` if the type is not known.
 pub(crate) fn word_order(
     at: &KeyContext<'_>,
     data_type: Option<DataType>,
@@ -297,8 +299,9 @@ pub(crate) fn scale(at: &KeyContext<'_>, scale: f64) -> Option<Scale> {
     Some(Scale::of(scale))
 }
 
-/// Reports a type that the gateway only reads, and returns `None`. Returns any other type unchanged. For 24 bits,
-/// devices expect the sign at different places. The other types are not known to be written on any device.
+/// Reports a type that the gateway only reads, and returns `None`. Returns any other type unchanged. Devices
+/// expect the sign of a 24-bit value in different bits. No device is known that accepts writes of the other
+/// types.
 pub(crate) fn not_only_read(at: &KeyContext<'_>, data_type: Option<DataType>) -> Option<DataType> {
     let data_type = data_type?;
     if data_type.width() != 24 && !is_of_registers(data_type) {

@@ -46,8 +46,9 @@ pub(super) fn boot_counters(check: &mut Check<'_>) {
     }
 }
 
-/// Returns the boot counter of an output: its device, its address, and its position in the profile. `None` if the
-/// output has none or it is invalid.
+/// Returns the boot counter of an output: its device, its address, and its position in the profile. `None` if
+/// the output has no boot counter, or if its boot counter is invalid. `known` contains the boot counters of
+/// earlier outputs: a device has only one.
 fn boot_counter(
     check: &Check<'_>,
     place: usize,
@@ -78,6 +79,7 @@ fn boot_counter(
 }
 
 /// Resolves the register or node of a boot counter. `is_in_nodes` is true if the device is an OPC UA server.
+/// `None` if the register or node cannot be a boot counter, which is reported.
 fn counts_there(at: &KeyContext<'_>, place: &Place, is_in_nodes: bool) -> Option<Address> {
     let text = match (place, is_in_nodes) {
         (Place::Register(text), false) => text,
@@ -92,7 +94,8 @@ fn counts_there(at: &KeyContext<'_>, place: &Place, is_in_nodes: bool) -> Option
     Some(address.into())
 }
 
-/// Creates the signal for a boot counter. Its name contains a dot, so that it differs from all names in a profile.
+/// Creates the signal for a boot counter. The name of the signal contains a dot, and therefore differs from
+/// all names in a profile.
 fn counter(device: &Device, id: DeviceId, address: Address, timeout: Duration) -> Signal {
     let data_type = address.node().map_or(DataType::U16, Node::taken_as);
     Signal {

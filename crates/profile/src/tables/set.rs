@@ -51,7 +51,8 @@ pub(crate) struct RawSet {
     handshake: Option<RawHandshake>,
 }
 
-/// Outputs of one device that are written together. An output with its own handshake is an output set of one.
+/// Outputs of one device that are written together. An output with its own handshake is also an output set,
+/// with only this output.
 #[derive(Clone, Debug, PartialEq)]
 pub struct OutputSet {
     /// Name in the profile. A set without a table of its own has the name of its only output.
@@ -154,9 +155,9 @@ impl OutputSet {
         !is_whole && (self.heartbeat.is_some() || self.control.is_some())
     }
 
-    /// Returns the longest time between two writes of heartbeat and control word. After a write without an answer, the
-    /// gateway waits until this write can no longer arrive, and then for the next write of the set. `None` if heartbeat
-    /// and control word can be written without the outputs.
+    /// Returns the longest time between two writes of heartbeat and control word. After a write without an
+    /// answer, the gateway waits until this write can no longer arrive, and then for the next write of the
+    /// set. `None` if the set has neither of the two words, or if they can be written without the outputs.
     fn longest_silence(&self, profile: &Profile) -> Option<Duration> {
         let has_own = self.heartbeat.is_some() || self.control.is_some();
         (has_own && !self.has_own_words_apart()).then(|| {

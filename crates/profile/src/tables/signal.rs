@@ -112,7 +112,8 @@ pub(crate) struct RawSignal {
     /// Whether a read request may include adjacent registers of other signals. Default true.
     #[schemars(extend("x-layers" = "free"))]
     merge: Option<bool>,
-    /// Settings of a counting signal, for example a linear scale: rollover and new reference.
+    /// Settings of a counting signal, for example a linear scale: its largest speed, and the command that
+    /// captures the count.
     counter: Option<RawCounter>,
     /// CAN: message and signal in the device's DBC file: "Message.Signal". Long names are allowed.
     pub(crate) dbc: Option<String>,
@@ -151,7 +152,7 @@ pub struct Signal {
     pub label: String,
     /// Device from which the signal is read.
     pub device: DeviceId,
-    /// Address of the signal: its first register or bit, its object, node or sensor, or its place in frames.
+    /// Address of the signal: its first register or bit, its object, node or sensor, or its bits in frames.
     pub address: Address,
     /// Encoding of the value: its type, scale, offset, and raw values for "no measurement".
     pub encoding: Encoding,
@@ -175,7 +176,8 @@ pub struct Signal {
     pub fault_when: Option<Box<Condition>>,
     /// Whether a read request may include adjacent registers of other signals.
     pub merge: bool,
-    /// Rollover and largest speed of a counting signal, for example a linear scale. `None` for any other signal.
+    /// Settings of a counting signal, for example a linear scale, such as its largest speed. `None` for any
+    /// other signal.
     pub counter: Option<Counter>,
     /// Command that is written before each read, so that the device copies its count into the registers. `None` if no
     /// command is needed.

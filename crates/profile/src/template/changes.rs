@@ -7,8 +7,9 @@ use toml::{Table, Value};
 /// Keys whose values are only texts for users. They have no effect on a machine.
 const NOTES: [&str; 6] = ["notes", "remedy", "source", "title", "unverified", "what"];
 
-/// Lists the keys that are only in one of two texts, or differ: `channel.tc.scale: 0.1 → 0.01`. Comments and order are
-/// ignored. All changed texts for users are one entry. If a template cannot be parsed, the only entry is "all of it".
+/// Lists the keys that are only in one of two texts, or differ: `channel.tc.scale: 0.1 → 0.01`. Comments and
+/// order are ignored. Changed texts for users give only one entry, "its notes changed". If a template cannot
+/// be parsed, the only entry is "all of it".
 #[must_use]
 pub fn changes(before: &str, now: &str) -> Vec<String> {
     let (Ok(before), Ok(now)) = (before.parse::<Table>(), now.parse::<Table>()) else {

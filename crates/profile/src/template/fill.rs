@@ -203,8 +203,8 @@ impl<'a> Filling<'a> {
         }
     }
 
-    /// Suppresses errors about missing keys of a signal or output, because its channel could not be found and so added
-    /// no keys. The error about the channel has already been reported.
+    /// Suppresses errors about missing keys of a signal or output whose channel was not found. The missing
+    /// channel has already been reported.
     fn nothing_missing(&mut self, table: &str, name: &str, at: &str) {
         let path = child(table, name);
         for key in ["register", "node", "type", "writes", "scale", "word_order", "read_back"]
@@ -216,7 +216,8 @@ impl<'a> Filling<'a> {
         }
     }
 
-    /// Reports missing keys that the template leaves to the profile, because a wrong default would move an axis.
+    /// Reports each missing key that the profile must set for this channel. The template has no default for
+    /// such a key, because a wrong default would move an axis.
     fn ask(&mut self, table: &str, name: &str, device: &str, channel: &Channel) {
         let path = child(table, name);
         for key in &channel.asks {
@@ -317,8 +318,8 @@ impl<'a> Filling<'a> {
         }
     }
 
-    /// Reports an error for each device that needs a heartbeat if the profile writes outputs to the device, but sends
-    /// no heartbeat.
+    /// Reports each device that has outputs and needs a heartbeat, but is not the device of `[heartbeat]` in
+    /// the profile.
     fn silent_heartbeats(&mut self) {
         let of_heartbeat = self.profile.get("heartbeat").and_then(|beat| text(beat.as_object()?, "device"));
         let outputs = self.profile.get("output").and_then(Value::as_object);
@@ -347,8 +348,8 @@ impl<'a> Filling<'a> {
         self.profile.get_mut(table)?.get_mut(name)?.as_object_mut()
     }
 
-    /// Adds a key to a table unless the table has the key already. Records the key at the position of `at`, with the
-    /// text `note`.
+    /// Adds a key to a table unless the table has the key already. For error messages, the added key gets the
+    /// position of the key `at`, and `note` as a text about its origin.
     fn put(&mut self, table: &str, name: &str, key: &str, value: Value, at: &str, note: &str) {
         let Some(into) = self.table_mut(table, name) else { return };
         if into.contains_key(key) {

@@ -1,4 +1,4 @@
-//! Templates that devices use, with the signals and outputs that take their registers from them.
+//! Templates of the devices in a profile. Each template lists the signals and outputs that use its channels.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;

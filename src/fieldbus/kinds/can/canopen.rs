@@ -1,7 +1,8 @@
 //! CANopen master with the services that a gateway needs. It receives frames as arguments and returns frames and
 //! events; it has no socket, no clock and no task.
 //!
-//! - [`sdo`] — reads or writes one object of a node's dictionary; [`abort`] has the reasons for which a node refuses.
+//! - [`sdo`] — reads or writes one object of a node's dictionary; [`abort`] — reasons for which a node
+//!   refuses this.
 //! - [`node`] — boot-up, state and heartbeat of a node, and the command that starts it.
 //! - [`emergency`] — emergency messages of a node. The profile has the texts of error codes, because they depend on the
 //!   device.

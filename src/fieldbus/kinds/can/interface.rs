@@ -16,8 +16,8 @@ pub struct Interface {
     pub does_fd: bool,
     /// Bits per second; `None` if the driver has no bit rate, as for a virtual interface.
     pub bitrate: Option<u32>,
-    /// Pause in milliseconds after which the controller restarts from bus-off. 0: the controller does not restart by
-    /// itself.
+    /// Pause in milliseconds after which the controller restarts from bus-off. 0: the controller does not
+    /// restart by itself. `None` if the driver does not report the pause.
     pub restart_ms: Option<u32>,
     /// State of the controller as text, for example `stopped`; `None` if the driver does not report the state.
     pub state: Option<&'static str>,

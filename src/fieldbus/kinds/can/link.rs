@@ -122,8 +122,8 @@ impl Link {
         !Interface::query(&self.interface).is_ok_and(|found| found.is_up)
     }
 
-    /// Passes an SDO frame to the task that has requested an SDO transfer. The frame is an answer, or the request of
-    /// this task as received back from the bus.
+    /// Passes an SDO frame to the task that has requested an SDO transfer. The frame is the answer of the
+    /// node, or the task's request, which the socket receives back after it was sent on the bus.
     pub fn passed(&self, frame: &Frame) {
         if let Some(passing) = &self.inner().passing {
             // If the queue is full, no requester waits for this frame.

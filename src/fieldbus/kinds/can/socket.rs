@@ -1,6 +1,6 @@
 //! Raw CAN sockets of the kernel.
 //!
-//! Four properties of the kernel, each measured:
+//! Four properties of the kernel, confirmed by measurements:
 //!
 //! - A read that waits for frames does not report that the interface went down. [`Socket::ready`] therefore also waits
 //!   for the error state of the socket.
@@ -121,8 +121,8 @@ impl Socket {
         self.write(&packed(frame).ok_or(fault(CanFault::TooLong))?)
     }
 
-    /// Sends an error frame of this class, as a CAN controller would report it to its own computer. Tests use a virtual
-    /// interface, on which the other sockets receive it.
+    /// Sends an error frame of this class, as a CAN controller would report it to its own computer. Tests use
+    /// this on a virtual interface: the other sockets of the interface receive the error frame.
     ///
     /// # Errors
     /// Same as for [`Socket::send_now`].
@@ -147,7 +147,8 @@ impl Socket {
         })
     }
 
-    /// Returns how many frames could not be sent since the socket was opened because the send queue was full.
+    /// Returns the number of frames that could not be sent since the socket was opened, because the send
+    /// queue was full.
     pub fn full(&self) -> u64 {
         self.full.load(Ordering::Relaxed)
     }

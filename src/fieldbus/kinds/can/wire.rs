@@ -1,4 +1,5 @@
-//! CAN interface as a line: the gateway reads and writes objects by SDO, and sends process data in frames.
+//! Wire (open connection) of a CAN line: the gateway reads and writes objects by SDO, and sends process data
+//! in frames.
 
 use std::sync::Arc;
 use std::time::Duration;

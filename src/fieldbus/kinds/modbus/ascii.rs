@@ -1,7 +1,8 @@
-//! Port with frames of Modbus ASCII, which the code for RTU uses as a port with frames of RTU.
+//! Port that converts RTU frames to Modbus ASCII frames, and received Modbus ASCII frames to RTU frames.
 //!
-//! Late answers, echoes, other masters and unanswered writes are therefore handled as on an RTU line. Each write to the
-//! port is one whole frame, followed by a flush.
+//! The code for RTU uses this port like the port of an RTU line. Late answers, echoes, other masters and
+//! unanswered writes are therefore handled as on an RTU line. Each write to the port is one whole frame,
+//! followed by a flush.
 
 use std::io;
 use std::pin::Pin;

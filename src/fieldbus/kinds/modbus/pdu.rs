@@ -3,10 +3,10 @@
 //!
 //! The clients of the library are not suitable. Over TCP they number the transactions of every connection from zero,
 //! and discard earlier input without a warning. Over RTU they do not keep the line silent before a request, and wait
-//! for ever after a wrong checksum. They accept the first frame with the correct unit and function as the answer. None
-//! of them has a timeout, or checks the length of a read, or (in release builds) the echo of a write. The gateway
-//! therefore has its own frames ([`super::modbus`], [`super::rtu`]). This module compares an answer with its request in
-//! every field that the protocol repeats.
+//! for ever after a wrong checksum. They accept the first frame with the correct unit and function as the
+//! answer. No client has a timeout, or checks the length of a read, or (in release builds) the echo of a
+//! write. The gateway therefore has its own frames ([`super::tcp`], [`super::rtu`]). This module compares an
+//! answer with its request in every field that the protocol repeats.
 
 use std::io;
 

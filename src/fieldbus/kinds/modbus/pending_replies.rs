@@ -6,13 +6,15 @@
 //! - A request is sent at once if its answer has another function or length. The late answer is then recognized and
 //!   discarded when it arrives ([`ReplySignature`]).
 //! - A request of the same form waits until the late answer can no longer arrive.
-//! - **The same read** may be repeated earlier to a unit that is known to be prompt: its last `PROOF` answers arrived
-//!   in time. Before that, the line must have been silent for `FACTOR` times the longest of these answer times. The
-//!   next answer may then belong to either request. Its age therefore counts from the first request, and it is accepted
-//!   only within this same time. The next repetition needs another such silence.
+//! - **The same read** may be repeated earlier to a unit that is known to be prompt: its last `PROOF` answers
+//!   arrived in time. Before the repetition, the line must have been silent for `FACTOR` times the longest of
+//!   these answer times. The next answer may then belong to either request. Its age therefore counts from the
+//!   first request, and it is accepted only within the same span. The next repetition requires another
+//!   silence of this length.
 //!
-//! A unit that answered late, or without a request, is no longer prompt. After each of its missing answers the line
-//! waits for the full time, until the unit has answered in time `PROOF` times again.
+//! A unit that answered late, or without a request, is no longer prompt. After each of its missing answers,
+//! the line waits until the late answer can no longer arrive. The unit is prompt again after `PROOF` further
+//! answers in time.
 
 use std::time::Duration;
 
@@ -32,8 +34,8 @@ const FACTOR: u32 = 3;
 const SHORTEST: Duration = Duration::from_millis(5);
 /// Additional time in which the second answer arrives, if a unit answers twice.
 const LATER: Duration = Duration::from_millis(50);
-/// Number of consecutive requests without an answer after which even a prompt unit gets no request for the full waiting
-/// time.
+/// Number of consecutive requests without an answer after which even a prompt unit gets no request until late
+/// answers can no longer arrive.
 const MISSES: u32 = 3;
 
 /// Late answers of the units of a line, by unit number. The list is short enough for a linear search.
@@ -196,8 +198,9 @@ impl PendingReplies {
         self.in_time > 0
     }
 
-    /// Records that a request sent at `asked` was not answered in time. Returns true if the unit usually answers fast
-    /// and may soon get requests again. Otherwise the unit must get no request for the full waiting time.
+    /// Records that a request sent at `asked` was not answered in time. Returns true if the unit usually
+    /// answers fast and may soon get requests again. Otherwise the unit must get no request until the late
+    /// answer can no longer arrive.
     pub(in crate::fieldbus) fn misses(&mut self, request: Request<'_>, asked: Moment, now: Moment) -> bool {
         self.misses = self.misses.saturating_add(1);
         if !self.is_prompt() || self.misses >= MISSES {

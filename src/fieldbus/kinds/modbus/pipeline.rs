@@ -1,14 +1,14 @@
 //! `pipeline = 2`: decision whether a line sends two requests at a time, and when it stops doing so.
 //!
-//! Some devices answer one request and lose the other, or close the connection. A wrong answer therefore ends the
-//! pipeline at once. A missing answer may have been lost in transmission, so the pipeline ends only after [`IN_A_ROW`]
-//! missing answers without a good answer in between.
+//! Some devices answer one request and lose the other, or close the connection. A wrong answer therefore ends
+//! the pipeline at once. A missing answer may have been lost in transmission, so the pipeline ends only after
+//! [`IN_A_ROW`] missing answers. An answer to the second of two requests resets this count.
 
 use crate::fieldbus::error::Fault;
 use crate::fieldbus::request::{Answer, Request};
 
-/// Number of consecutive requests without an answer that ends the pipeline. So many lost answers in a row are unlikely
-/// to be chance.
+/// Number of missing answers that ends the pipeline, if no second request is answered in between. So many
+/// lost answers are unlikely to be chance.
 const IN_A_ROW: u32 = 3;
 
 /// State of the pipeline of one line: whether the line sends two requests at a time.

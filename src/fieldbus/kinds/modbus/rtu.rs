@@ -11,8 +11,9 @@
 //! - An adapter without echo suppression receives its own requests. The first read detects such an adapter. From then
 //!   on, the echo of every request is expected before its answer. An echo never counts as an invalid answer, even if it
 //!   arrives late, in parts or with noise.
-//! - Bytes equal to the request do not count as the answer to a read. One kind of read has an answer that can equal the
-//!   request: a read of 17 to 24 bits from 0x0300 to 0x03FF.
+//! - A frame that equals a read request counts as the echo of this request, not as the answer. Only a read of
+//!   17 to 24 bits from 0x0300 to 0x03FF can have an answer that equals its request. Such an answer is also
+//!   discarded.
 
 use std::io;
 use std::time::Duration;

@@ -1,15 +1,17 @@
 //! Modbus TCP: frames with a transaction number.
 //!
-//! - Transaction numbers are random. A device that counts transactions by itself, or is ahead by one, sends numbers
-//!   that do not match.
-//! - A late answer has the transaction number of a request of this connection that was given up after its timeout. The
-//!   wire (the code for this connection) discards the late answer and keeps the connection, see `given_up`.
-//! - All other bytes that answer no open request close the connection, and so do bytes after an answer. Input from
-//!   before a request is recognized by its transaction number. Before a write, and while a late answer is expected, the
-//!   wire checks for such input. If it finds any, it does not send the request. Immediately after an answer, a write
-//!   skips this check, because nothing else had arrived with the answer. It does not skip it after the first answer of
-//!   a connection: some servers close each connection after one answer. If the server closed the connection, the
-//!   outcome of the write would be unknown.
+//! - Transaction numbers are random. A device that answers with its own count, or with a number that is one
+//!   too high, is therefore detected: the numbers do not match.
+//! - A late answer has the transaction number of a request of this connection that was given up after its
+//!   timeout. The wire (the code for this connection) discards the late answer and keeps the connection, see
+//!   `given_up`.
+//! - All other bytes that answer no open request close the connection, and so do bytes after an answer. The
+//!   wire recognizes input that arrived before the request by its transaction number.
+//! - Before a write, and while a late answer is expected, the wire checks for input before it sends the
+//!   request. If it finds any except late answers, it does not send the request.
+//! - A write directly after an answer skips this check, because nothing else had arrived with the answer. The
+//!   write after the first answer of a connection does not skip the check. Some servers close each connection
+//!   after one answer, and the outcome of the write would then be unknown.
 //! - A read may be sent in the same TCP segment after another request, with its own transaction number.
 
 use std::collections::hash_map::RandomState;
@@ -340,8 +342,9 @@ impl Wire for ModbusTcp {
         Box::pin(self.exchange(unit, request, send_guard))
     }
 
-    /// Returns the fault of a request without an answer: [`Fault::Timeout`], or the protocol of text that has arrived.
-    /// Such text may be shorter than a header.
+    /// Returns the fault of a request without an answer. If text of another protocol has arrived, the fault
+    /// names this protocol, even if the text is shorter than a header. Otherwise the fault is
+    /// [`Fault::Timeout`].
     fn missed(&mut self) -> Fault {
         let text = text::recognise(&self.received[..self.filled]);
         text.map_or(Fault::Timeout, |text| Fault::Peer(PeerFault::Text(text)))

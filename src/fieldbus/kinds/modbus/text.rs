@@ -1,4 +1,5 @@
-//! Text on a line on which Modbus RTU or Modbus TCP is expected: Modbus ASCII, DCON, or any other text.
+//! Text on a line on which Modbus RTU or Modbus TCP is expected: Modbus ASCII, DCON (the text protocol of
+//! ADAM and similar I/O modules), or any other text.
 
 /// Protocol of text that arrived instead of a Modbus frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, thiserror::Error)]

@@ -1,10 +1,12 @@
 //! Requests whose answers may still arrive. The time is an argument of the functions, so the module needs no clock.
 //!
-//! A text does not show which request it answers. If an answer is late, the next request with the same text may receive
-//! it. Answers arrive in the order of their requests, so the age of a value counts from the oldest open request. A
-//! request with another text waits until no answer can arrive any more. The first request on a new connection waits in
-//! the same way. The beginning of an answer may have arrived on the old connection, and its rest alone would be another
-//! number. After the start of the program, an answer to its last run may arrive.
+//! An answer does not show to which request it belongs. The next request with the same text may therefore
+//! receive a late answer. Answers arrive in the order of their requests, so the age of a value counts from
+//! the oldest open request. A request with another text waits until no earlier answer can arrive any more.
+//!
+//! The first request on a new connection waits in the same way. The beginning of an answer may have arrived
+//! on the old connection, and the rest alone would be another number. After the start of the program, an
+//! answer to a request of the previous run may arrive.
 
 use std::collections::VecDeque;
 use std::time::Duration;
@@ -42,7 +44,8 @@ impl PendingAnswers {
         self.asked.clear();
     }
 
-    /// Records a request that is sent now. A request with another text ends the wait for earlier answers.
+    /// Records a request that is sent now. If its text differs from the text of the open requests, these are
+    /// removed: the caller has waited until their answers can no longer arrive.
     pub fn sent(&mut self, request: &str, now: Moment) {
         if self.request != request {
             request.clone_into(&mut self.request);
@@ -52,7 +55,8 @@ impl PendingAnswers {
         self.asked.push_back(now);
     }
 
-    /// Records an answer. Returns the time of the oldest open request, to which the answer may belong.
+    /// Records an answer. Returns the time of the oldest open request, to which the answer may belong; `None`
+    /// if no request is open.
     pub fn answered(&mut self) -> Option<Moment> {
         self.asked.pop_front()
     }

@@ -9,7 +9,7 @@ use isotherm_core::codec::{Quoted, TextValue};
 pub struct TextRequest<'a>(pub &'a [TextValue]);
 
 impl<'a> TextRequest<'a> {
-    /// Text to send. Empty if the device sends without a request.
+    /// Returns the text to send; empty if the device sends without a request.
     pub fn text(self) -> &'a str {
         self.0.first().map_or("", |value| value.request.as_str())
     }

@@ -84,9 +84,9 @@ async fn lines(port: &mut TextPort, (most, span): (usize, Duration)) -> Result<V
     Ok(found)
 }
 
-/// Sends usual requests until an answer contains a value. Returns the answers. The last answer includes its further
-/// lines. If no answer contains a value, also searches for DCON modules, and returns them: an answer may be an error
-/// text.
+/// Sends usual requests until an answer contains a value. Returns all answers, including further lines of the
+/// last answer. If no answer contains a value, the answers may be error texts. The function then also
+/// searches for DCON modules, and returns them.
 async fn answers(port: &mut TextPort, span: Duration) -> Result<Vec<Found>, Fault> {
     let mut found = Vec::new();
     for request in REQUESTS {

@@ -1,4 +1,4 @@
-//! Wire to devices that send text.
+//! Wire (open connection) of a line with devices that send text.
 //!
 //! ```text
 //! on request        discard ─► silence ─► send ─► lines until each value was found, or until the timeout

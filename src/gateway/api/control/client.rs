@@ -130,12 +130,12 @@ pub fn restart(path: &Path, within: Duration, show: impl FnMut(&str)) -> Result<
     replaced(path, begun, within, show)
 }
 
-/// Requests the running gateway to return the former registers of an output to their base values. `seen` contains the
-/// Cz in each of these registers, µm, as it was shown to the operator. A new program replaces the gateway, as by
-/// [`restart`], and moves the registers. Returns the state of the new gateway as JSON.
+/// Requests the running gateway to return the former registers of an output to their base values. `seen`
+/// contains the Cz in each of these registers, µm, as it was shown to the operator. A new program replaces
+/// the gateway, as with [`restart`], and moves the registers. Returns the state of the new gateway as JSON.
 ///
 /// # Errors
-/// The restart fails, as by [`restart`]. The output has no such register, or the register cannot be returned to its
+/// Same as for [`restart`]. Also: the output has no such register, or the register cannot be returned to its
 /// base value.
 pub fn release(
     path: &Path,

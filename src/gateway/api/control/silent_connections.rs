@@ -10,9 +10,10 @@ use tokio::sync::{OwnedSemaphorePermit, Semaphore};
 
 use crate::clock::BootClock;
 
-/// Time for which a connection may stay silent, divided by the maximum number of connections. A client sends its line
-/// directly after it has connected. If its connection was closed before, the client connects again. The time is
-/// short, so that silent connections delay a command only a little.
+/// Time for which a connection may stay silent, divided by the maximum number of connections. A client
+/// normally sends its line directly after it has connected. If the gateway has closed the connection before
+/// that, the client connects again. The time is short, because all connections may be silent, and then a
+/// command waits for this time.
 const GRACE_OF_A_PLACE: Duration = Duration::from_micros(250);
 /// Maximum time from the closing of a connection until its permit is free again.
 const RETURNED: Duration = Duration::from_millis(10);

@@ -8,12 +8,13 @@
 //! document                                                                 older version, reads the profile from disk
 //! ```
 //!
-//! The process that starts the program chooses its standard input. The program therefore accepts a memfd only if all of
-//! this is true:
+//! Any process can start the program with any standard input. The program therefore accepts a memfd only
+//! under these conditions:
 //!
-//! - Nothing can change it: all seals of the kernel are set, and it belongs to this user.
-//! - This process has written it (process id, start time, boot).
-//! - The state directory contains the digest of its document, which contains the digest of the sources.
+//! - The memfd cannot be changed: all seals of the kernel are set, and the memfd belongs to this user.
+//! - The memfd was written by this process (same process id, start time and boot).
+//! - The state directory contains the digest of the document. The document contains the digest of the
+//!   sources.
 //!
 //! The program removes the digest before it arms an axis, so that no handover is used twice.
 
@@ -58,7 +59,8 @@ struct Process {
 struct Document<H> {
     process: Process,
     handover: H,
-    /// Length and digest of the profile's sources; `None` if the receiving program has an older version.
+    /// Length and digest of the profile's sources. `None` if the receiving program has an older version,
+    /// which reads the profile from disk.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     sources: Option<SourcesSeal>,
 }

@@ -49,7 +49,8 @@ pub(super) fn is_stream(stream: u32, name: &str) -> bool {
 /// Returns the size of a memfd that is sealed against changes and belongs to this user.
 ///
 /// # Errors
-/// The memfd is not accepted, for this reason.
+/// The memfd is not sealed, belongs to another user, or has other permissions than [`MODE`]. The error is the
+/// reason, as a part of a sentence.
 pub(super) fn size_of_sealed(memory: &File) -> Result<u64, &'static str> {
     let Ok(found) = memory.metadata() else { return Err("the handover cannot be examined") };
     match () {

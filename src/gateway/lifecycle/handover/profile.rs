@@ -1,5 +1,5 @@
-//! Profile of a handover: its [sources](Sources), in the state in which the new program has checked them. The memory
-//! of the sources is sealed against changes.
+//! Profile of a handover: the [sources](Sources) of the profile (every file that the loader read), as the new
+//! program has checked them. The memory of the sources is sealed against changes.
 //!
 //! The gateway starts the new program for a check, with an empty memfd as standard output. The checking program
 //! writes the sources to the memfd, if the new program can load its profile from a handover. The new program receives

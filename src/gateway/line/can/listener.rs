@@ -246,8 +246,8 @@ impl CanListener {
         }
     }
 
-    /// Opens the interface, or detects that the interface is up again. In both cases, the nodes are supervised from
-    /// the beginning, and the devices are checked again.
+    /// Opens the interface, or detects that the interface is up again. In both cases, the supervision of the
+    /// nodes restarts, and the devices are checked again.
     fn try_interface(&mut self) {
         let socket = match self.can.link.open() {
             Ok(socket) => socket,

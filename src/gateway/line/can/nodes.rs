@@ -133,8 +133,8 @@ impl Nodes {
         self.follow()
     }
 
-    /// Handles the timeouts that have elapsed at `now`. `set_up` contains the devices whose setup list has been
-    /// written.
+    /// Handles the timeouts that have elapsed at `now`. `set_up` contains the devices whose setup list has
+    /// been written, and whose checks have been read.
     pub(super) fn tick(&mut self, set_up: Vec<DeviceId>, now: Moment) -> Vec<Reaction> {
         for device in set_up {
             if let Some((_, Some(node))) = self.devices.iter().find(|(id, _)| *id == device) {
@@ -200,8 +200,8 @@ impl Silence {
     }
 }
 
-/// Returns the condition under which the master starts a device. The master starts a device with a setup list or
-/// checks only after these are done.
+/// Returns the condition under which the master starts a device. If the device has a setup list or checks,
+/// the gateway first writes the list and reads the checks.
 fn start(can: &CanDevice, is_unchecked: bool) -> Start {
     match can.start {
         false => Start::Never,

@@ -18,7 +18,7 @@ use isotherm_core::output::HeartbeatController;
 use isotherm_core::quantity::Moment;
 use isotherm_profile::{BusId, Heartbeat, Profile};
 
-/// Number of consecutive failures with another cause than the reported one, after which the new cause is reported.
+/// Number of consecutive failures with a new cause, after which the task reports this cause.
 const CHANGED_AFTER: u32 = 20;
 /// Number of consecutive unanswered heartbeats after which the task reports the failure, although the device answers
 /// all other requests.
@@ -73,8 +73,8 @@ impl HeartbeatTask {
         }
     }
 
-    /// Reports that the device refuses the heartbeat, or does not answer it although it answers other requests.
-    /// Counts each failed heartbeat as a failed request of the device. Other code reports a lost device.
+    /// Reports that the device refuses the heartbeat. Also reports that the device does not answer the
+    /// heartbeat, although it answers other requests. A lost device is reported by other code.
     fn report(&mut self, shared: &LineHandle, sent: Option<Fault>) {
         let Some(fault) = sent.filter(|fault| !fault.has_lapsed()) else {
             if sent.is_none() {

@@ -98,7 +98,8 @@ impl Poll {
         self.under_way.is_some()
     }
 
-    /// Returns whether the age of the readings has reached half of their `max_age`.
+    /// Returns whether the age of the readings has reached half of the shortest `max_age` of the device's
+    /// signals.
     pub(super) fn grows_stale(&self, now: Moment) -> bool {
         now.since(self.read_at) >= self.max_age / 2
     }
@@ -238,8 +239,9 @@ fn exponent_of(signal: &Signal, encoded: &Encoded) -> Result<i8, Reason> {
     signal.scale_from.as_ref().ok_or(Reason::NoScale)?.exponent(encoded.registers())
 }
 
-/// Capture commands of one device, each contained once. The second value is the time at which the command was last
-/// sent, or the reason why it could not be sent. This value is `None` before the first attempt.
+/// Capture commands of one device, without duplicates. By such a command, a counter copies its count into its
+/// registers. The second value is the time at which the command was last sent, or the fault. This value is
+/// `None` before the first attempt.
 ///
 /// The commands are part of the reading. Therefore the gateway also sends them in a dry run, and before an axis is
 /// armed.

@@ -13,8 +13,8 @@ use isotherm_core::reading::SignalId;
 use isotherm_profile::Profile;
 
 impl GatewayState {
-    /// Reports the probing results that the axes have processed in this step. Returns whether an axis has processed
-    /// one.
+    /// Reports the probing results that the axes have processed in this step, and the corrections that they
+    /// have discarded. Returns whether an axis has done one of the two.
     pub(super) fn report_probings(&mut self, profile: &Profile, now: Moment) -> bool {
         let mut any = false;
         for (place, axis) in profile.axes.iter().enumerate() {

@@ -1,6 +1,7 @@
-//! Backup of the directory `NAME.products`. It contains the products (results) of each run, and for each axis the
-//! judged days and the candidate (proposed model). They are in a backup because a restored machine needs them to
-//! continue learning, and a backup contains no logs.
+//! Backup of the directory `NAME.products`, which contains the results of learning. These are the products of
+//! each run (sums from which a model is identified), and for each axis the candidate (proposed model) and the
+//! learning record. The learning record contains the days on which the candidate was compared with the model
+//! in use. A restored machine needs these files to continue learning, because a backup contains no logs.
 
 use std::io::ErrorKind;
 use std::path::Path;
@@ -8,19 +9,20 @@ use std::path::Path;
 use crate::gateway::store::candidates;
 use isotherm_profile::safe_file;
 
-/// Maximum size of one file of learning, in bytes.
+/// Maximum size of one file that learning has written, in bytes.
 const LARGEST_FILE: u64 = 16 * 1024 * 1024;
 /// Maximum length of a file name, in bytes. The names in a backup archive (format ustar) cannot be longer.
 const LONGEST_NAME: usize = 100;
 /// End of the name of a file with the products (results) of one run.
 const RUN: &str = ".products.json";
-/// Ends of the names of the other files: the judged days and the candidate. Each axis has one file of each kind.
+/// Ends of the names of the other files: the learning record and the candidate. Each axis has one file of
+/// each kind.
 const OTHERS: [&str; 2] = [".learning.json", ".candidate.json"];
 
-/// Limits for the files of learning in a backup: their number and their total size.
+/// Limits for the files in a backup that learning has written: their number and their total size.
 #[derive(Clone, Copy, Debug)]
 pub struct Limits {
-    /// Maximum number of files of learning.
+    /// Maximum number of files.
     pub files: usize,
     /// Maximum total size of the files, in bytes.
     pub bytes: u64,
@@ -31,7 +33,8 @@ pub struct Limits {
 pub struct TakenProducts {
     /// Names and contents of the files.
     pub files: Vec<(String, Vec<u8>)>,
-    /// Number of the oldest runs that the backup does not contain, because the limits are reached.
+    /// Number of runs that the backup does not contain, because the limits are reached. They are the oldest
+    /// runs.
     pub older: usize,
     /// Sentences for the operator about files that cannot be part of the backup.
     pub unusable: Vec<String>,
@@ -94,7 +97,8 @@ fn names(place: &Path) -> Result<Vec<String>, String> {
     Ok(names)
 }
 
-/// Returns the part of a file name after the axis name. It begins with the time of the run.
+/// Returns the part of a file name after the axis name and `@`, which begins with the time of the run. Empty
+/// if the name contains no `@`.
 fn time_of(name: &str) -> &str {
     name.split_once('@').map_or("", |(_, time)| time)
 }

@@ -1,6 +1,7 @@
-//! Documents of an earlier version of isotherm, which saved state and register ledger separately: `NAME.state.json`
-//! of layout 4, and `NAME.ledger.json` of layout 3. Each document contains the last known save number of the other
-//! document. A document whose save number is smaller is rejected.
+//! Documents of an earlier version of isotherm, which saved state and register ledger separately:
+//! `NAME.state.json` of layout 4, and `NAME.ledger.json` of layout 3. Each document contains the last known
+//! save number of the other document. Both documents are rejected if the save number of one is smaller than
+//! the other document states.
 
 use std::path::{Path, PathBuf};
 

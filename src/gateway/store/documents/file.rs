@@ -107,8 +107,9 @@ impl StoreFile {
         Ok(())
     }
 
-    /// Renames the file `NAME.number` to mark that a run has begun which can write nothing. The files on disk would
-    /// otherwise claim that all writes of the previous run have arrived. Returns whether they no longer claim this.
+    /// Renames the file `NAME.number`, because a run has begun that cannot save files. The files on disk
+    /// would otherwise state that all writes have arrived at the registers. Returns true if the files no
+    /// longer state this.
     pub(in crate::gateway) fn mark_begun(&self) -> bool {
         let begun = number::begun(&self.number);
         self.disk.rename(&self.number, &begun).is_ok()

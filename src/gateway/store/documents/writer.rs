@@ -127,9 +127,9 @@ impl Writer {
         newest.version
     }
 
-    /// Waits until a version is on disk, for at most `span` of wall-clock time. Does not wait if the last wait timed
-    /// out. With a virtual clock, it waits for a part of `span` even then, because simulated time passes faster than
-    /// the disk works.
+    /// Waits until a version is on disk, for at most `span` of wall-clock time. If the last wait timed out,
+    /// this call does not wait. With a virtual clock, such a call still waits for a part of `span`, because
+    /// simulated time passes faster than the disk works.
     pub(in crate::gateway) async fn kept(&self, version: u64, span: Duration, clock: &Clock) -> SaveResult {
         let mut done = self.done.clone();
         let is_done = |done: &SavedVersions| done.kept >= version || done.failed >= version;

@@ -28,8 +28,9 @@ fn number(name: &str) -> u32 {
     name.trim_end_matches(".csv").rsplit_once('.').and_then(|(_, number)| number.parse().ok()).unwrap_or(1)
 }
 
-/// Returns whether a column contains text; all other columns contain numbers. `columns` contains all columns of the
-/// log. It is needed because a signal's name may look like a column of an axis, for example `bed_state`.
+/// Returns whether a column contains text; all other columns contain numbers. `columns` contains all columns
+/// of the log. The function needs all columns, because the name of a signal may have the form of a column of
+/// an axis, for example `bed_state`.
 pub fn is_text(column: &str, columns: &[&str]) -> bool {
     let is_of_an_axis = |word: &str| {
         let axis = column.strip_suffix(word).and_then(|rest| rest.strip_suffix('_'));
@@ -39,7 +40,7 @@ pub fn is_text(column: &str, columns: &[&str]) -> bool {
         || [PERMIT, MODEL, STATE, ACTED, STOOD_IN, PREFERRED].into_iter().any(is_of_an_axis)
 }
 
-/// Returns whether a log column is only useful for a replay (calculation of the decisions from the log).
+/// Returns whether only a replay (calculation of the decisions from the log) uses a log column.
 pub fn is_for_replay(column: &str) -> bool {
     column == MEMORY
 }

@@ -20,8 +20,8 @@
 //! | `on-disk`, `turn-ends`; `too-late`, `unreachable`, `rejected`, `backs-off`: why a write was not sent; `set-taken`, `set-open`, `set-failed`: whether the control took the set | | |
 //! | `decided`; `detail` (JSON) contains the target of the offset, if it is known | the offset | a change may be sent until then |
 //! | `read` | the register value | time of the request |
-//! | `done`, `unknown` | | when the write was sent |
-//! | `went-along`, `went-along-unknown` | the value that was sent along | when it was sent |
+//! | `done`, `unknown` | | time at which the write was sent |
+//! | `went-along`, `went-along-unknown` | the value that was sent along | time at which the value was sent |
 //! | `applied` | the value that the control applies, in thousandths of a count; empty if it is no number | time of the request |
 //! | `applied-no-answer` | | time of the request |
 //!
@@ -41,13 +41,15 @@
 //! and `heartbeat`. A turn has no row if it only repeats the previous one, with a newer position or the next count.
 //! `value` of the next row contains the number of such turns, after one minute at the latest.
 //!
-//! Positions, heartbeats and control words are written repeatedly, whatever the last result was. They also have the
-//! rows `fault` (the fault in `detail`, once until a write is answered), `writes` and `failures`. The last two have a
-//! number in `value`, counted since `moment`, over one minute or more. If a file begins because the computer's clock
-//! was set, its first row is `clock`, with the old and the new time.
+//! Positions, heartbeats and control words are written repeatedly, after a success and after a failure. They
+//! also have the rows `fault` (the fault in `detail`, once until a write is answered), `writes` and
+//! `failures`. A row `writes` or `failures` contains the number of writes since `moment` in `value`. The
+//! counting takes at least one minute, except at the end of a run. If a file begins because the computer's
+//! clock was set, its first row is `clock`, with the old and the new time.
 //!
-//! Earlier versions wrote two more kinds of rows, which a replay ignores. `cz`, of a corrected position, has a
-//! changed Cz in `value`, µm. `sealed`, without an output, has the save numbers of state and register ledger.
+//! Earlier versions wrote two more kinds of rows, which a replay ignores. A row `cz` of a corrected position
+//! contains a changed Cz in `value`, µm. A row `sealed` has no output, and contains the save numbers of state
+//! and register ledger.
 
 mod cells;
 mod controllers;

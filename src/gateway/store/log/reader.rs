@@ -1,4 +1,4 @@
-//! Reader of logs of the gateway, and of logs from other sources.
+//! Reader of decision logs of the gateway (one row per step of the axes), and of logs of other programs.
 
 use std::collections::HashMap;
 use std::fmt::Display;
@@ -308,7 +308,7 @@ impl<R: Read> LogReader<R> {
         Ok(Some(row))
     }
 
-    /// Returns whether the number of cells fits the column names. Missing cells at the end are allowed if their
+    /// Returns whether the number of cells fits the column names. Cells at the end may be missing if their
     /// columns are comments or have no name. Additional cells must be empty.
     fn fits(&self) -> bool {
         let (found, wanted) = (self.record.len(), self.names.len());
@@ -566,8 +566,9 @@ impl Columns {
     }
 }
 
-/// Returns the text of a time. A number in another unit is converted to seconds, because the program reads such times
-/// as seconds.
+/// Returns the text of the time `now` in a log. `text` is the original text. A number in another unit than
+/// seconds is converted to seconds, or to a date, because the program reads a time that is a number as
+/// seconds.
 fn in_seconds(text: String, now: Moment) -> String {
     let is_number = text.trim().replace(',', ".").parse::<f64>().is_ok();
     if !is_number || time::parse(&text) == Ok(now) {

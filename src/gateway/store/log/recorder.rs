@@ -57,7 +57,7 @@ impl PreferredColumn {
 }
 
 impl Recorder {
-    /// Creates a recorder for the axes of this profile.
+    /// Creates a recorder for the signals and axes of this profile.
     pub fn new(profile: &Profile) -> Recorder {
         let names = |axis: &Axis| axis.settings.models.iter().map(|model| cell(&model.name)).collect();
         let models = recorded(profile).map(names).collect();
@@ -112,7 +112,8 @@ impl Recorder {
         header + "," + MEMORY + "," + ZERO + "," + CLOCK + "\n"
     }
 
-    /// Returns the header of a dry run's log. It has an additional column, because no Cz in the log ever acted.
+    /// Returns the header of a dry run's log. An additional column shows that no Cz of the log was written to
+    /// a device.
     pub(in crate::gateway) fn dry_header(profile: &Profile) -> String {
         format!("{},{DRY_RUN}\n", Recorder::header(profile).trim_end())
     }

@@ -18,7 +18,7 @@ use isotherm_core::output::{Action, Controller, Input, Settings};
 use isotherm_core::quantity::{Moment, Shifted};
 use isotherm_profile::{OutputId, Profile, SetId};
 
-/// Time for which repeated writes are counted. Then a row of the output log contains their number.
+/// Time for which repeated writes are counted. After this time, their number is written to the output log.
 const COUNTED_FOR: Duration = Duration::from_secs(60);
 
 /// Input that the controller of an output has received, with the states of the controller before and after the input.

@@ -18,7 +18,8 @@ use isotherm_profile::duration_text;
 use isotherm_profile::log_columns::CLOCK;
 use isotherm_profile::{History, safe_file};
 
-/// Maximum correction of the clock into the past after which the age of earlier logs is still known.
+/// Limit for setting the clock back. If the clock was set back by a longer time, the age of earlier logs is
+/// not known.
 const A_DAY: Duration = Duration::from_hours(24);
 
 /// Maximum size of the header and first row of a log, in bytes. The first row contains the saved state of a machine.

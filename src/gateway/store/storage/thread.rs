@@ -69,7 +69,7 @@ impl WholeRows {
     }
 }
 
-/// Maximum length of the last row of a log file for reading its time, in bytes.
+/// Number of bytes at the end of a log file in which the last row with a time is searched.
 const LAST_ROW: u64 = 65_536;
 
 /// Returns the time of the last row of a log. `None` if the row cannot be read.

@@ -94,7 +94,8 @@ fn moment<'de, D: Deserializer<'de>>(input: D) -> Result<Moment, D::Error> {
 }
 
 impl PlantFile {
-    /// Checks the file, and converts it. `read` returns the text of a file that the plant file names.
+    /// Checks the file, and converts it. `read` returns the text of a file that the plant file names. The
+    /// error is a list of the errors in the file, one sentence for each.
     pub(super) fn resolve(self, read: &dyn Fn(&str) -> Option<String>) -> Result<PlantSpec, Vec<String>> {
         let modes = self.structure.as_ref().map(|structure| structure.read(read));
         let modes = modes.transpose().map_err(|why| vec![why])?;
@@ -243,8 +244,9 @@ impl Position {
     }
 }
 
-/// Checks that the explicit time steps are stable. A step must be short compared with the time constant of every node.
-/// A port of the structure may warm in one step only by a small part of the temperature difference that heats it.
+/// Checks that the explicit time steps are stable. A step must be short compared with the time constant of
+/// every node. In one step, a port of the structure may warm only by a small fraction of the temperature
+/// difference that heats the port.
 fn stable(nodes: &[Node], links: &[Link], structure: Option<&Structure>, check: &mut Check) {
     for (index, node) in nodes.iter().enumerate() {
         let total: f64 = links

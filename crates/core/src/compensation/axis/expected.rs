@@ -1,6 +1,6 @@
-//! Expected error of the model in use. It depends on the time since its datum (zero point), on the time since the last
-//! probing, and on the residuals of its last probings. A probing measures the error that remains. The envelope is the
-//! region of inputs on which the model was identified.
+//! Expected error of the model in use. This error depends on the time since the datum (zero point) of the
+//! model, on the time since the last probing, and on the residuals of the last probings. A probing measures
+//! the error that remains. The envelope is the region of inputs on which the model was identified.
 
 use std::time::Duration;
 
@@ -11,9 +11,9 @@ use crate::compensation::reference::Machine;
 use crate::quantity::{Micron, Moment};
 
 impl Axis {
-    /// Returns the expected residual error of this model: one standard deviation, and the number of probings that scale
-    /// it. `None` outside the envelope, while a stand-in replaces a sensor, or if the profile gives no expected error.
-    /// The expected error was identified without stand-ins.
+    /// Returns the expected residual error of this model: one standard deviation, and the number of probings
+    /// whose residuals scale this error. `None` outside the envelope, while a stand-in replaces a sensor, or
+    /// if the profile gives no expected error. The expected error was identified without stand-ins.
     pub(super) fn expected(
         &self,
         chosen: &ModelChoice,

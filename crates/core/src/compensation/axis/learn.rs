@@ -217,8 +217,8 @@ impl Axis {
     }
 }
 
-/// Returns whether the inputs are outside the envelope, and the axis does not fully follow the model outside. With
-/// `Outside::Agree`, the axis counts as following the model.
+/// Returns whether the inputs are outside the envelope and the axis does not fully follow the model there.
+/// With `Outside::Agree`, returns `false`: the axis counts as following the model.
 fn is_left(coverage: Option<Coverage>) -> bool {
     let found = coverage.and_then(|coverage| coverage.extrapolating);
     let found = found.filter(|found| found.outside != Outside::Agree);

@@ -67,10 +67,10 @@ impl Axis {
         Some((self.settings.models.get(place)?, inputs))
     }
 
-    /// Returns the first model in the order of preference whose signals are all good, with its value. Also returns why
-    /// the preferred model cannot be used, and the first fallback model outside its own envelope, which is not used. If
-    /// a model only waits for a reference or for the machine start, no fallback model is used: fallback models are for
-    /// failed sensors.
+    /// Returns the first model in the order of preference whose signals are all good, with its value. Also
+    /// returns why the preferred model cannot be used, and the first fallback model that was skipped because
+    /// its inputs are outside its own envelope. If a model only waits for a reference or for the machine
+    /// start, no fallback model is used: fallback models are for failed sensors.
     pub(in crate::compensation) fn choose(
         &self,
         snapshot: &Snapshot<'_>,
@@ -122,16 +122,18 @@ impl Axis {
         })
     }
 
-    /// Returns the values that a model requests, measured from its datum (zero point). With `Outside::Agree`, a
-    /// difference between the two models whose mean is this model reduces the values.
+    /// Returns the values that a model requests, measured from its datum (zero point). With `Outside::Agree`,
+    /// the values are reduced if the model's two halves differ. The halves are the two models whose mean is
+    /// this model.
     pub(super) fn asked(&self, model: usize, evaluated: Evaluated) -> ModelRequest {
         ModelRequest::of(evaluated, self.zeroing.of(model))
     }
 }
 
 impl ModelRequest {
-    /// Returns the values that a model requests, measured from the zero point `datum`. With `Outside::Agree`, a
-    /// difference between the two models whose mean is this model reduces the values.
+    /// Returns the values that a model requests, measured from the zero point `datum`. With `Outside::Agree`,
+    /// the values are reduced if the model's two halves differ. The halves are the two models whose mean is
+    /// this model.
     pub(super) fn of(evaluated: Evaluated, datum: Outputs) -> ModelRequest {
         let Evaluated { outputs, mut coverage } = evaluated;
         let cz = outputs.cz.get() - datum.cz.get();

@@ -1,6 +1,7 @@
-//! Order of an axis's models, and changes of the preferred model. At such a change, the Cz of the axis stays the same.
-//! The preferred model is a model of the profile, or the learned model in the slot (a model whose gains are learned).
-//! The envelope of a model is the region of inputs on which the model was identified.
+//! Order of an axis's models, and changes of the preferred model. At such a change, the Cz of the axis stays
+//! the same. The preferred model is a model of the profile, or the learned model. The slot is the model of
+//! the axis that receives learned gains. The envelope of a model is the region of inputs on which the model
+//! was identified.
 
 use super::Axis;
 use super::model_choice::ModelChoice;
@@ -45,7 +46,8 @@ impl Axis {
         self.settings.learned.as_ref().is_some_and(|slot| slot.model == place)
     }
 
-    /// Requests a change of the preferred model. The request replaces a change that waits; `None` cancels that change.
+    /// Requests a change of the preferred model. The request replaces a change that waits to take effect.
+    /// `None` cancels the waiting change.
     ///
     /// # Errors
     /// Returns why the change is rejected.
@@ -140,8 +142,9 @@ impl Axis {
         }
     }
 
-    /// Returns the values with which another model requests the same Cz as the model in use. `None` if there are no
-    /// such values: a model has no value or is outside its envelope, or the offset would exceed the limit of the probe.
+    /// Returns the values with which another model requests the same Cz as the model in use. `None` if Cz
+    /// cannot be kept, for example because a model has no value or is outside its envelope, or because the
+    /// offset would exceed the limit of the probe.
     fn keeping_cz(
         &self,
         to: usize,
@@ -173,8 +176,8 @@ impl Axis {
         (wanted.abs() <= settings.limit.get()).then_some(KeptCz { offset: wanted, raised: 0.0 })
     }
 
-    /// Returns the Cz that the new model must request, µm. `None` while the envelope or a stand-in of the model in use
-    /// decides about Cz. Neither of them applies to the new model.
+    /// Returns the Cz that the new model must request, µm. `None` while the envelope of the model in use
+    /// keeps Cz, or a stand-in replaces one of its sensors. Neither applies to the new model.
     fn cz_to_keep(&self, before: &ModelChoice, permit: Permit) -> Option<f64> {
         if self.kept_outside || before.stood_in.is_some() {
             return None;

@@ -17,8 +17,9 @@ pub(in crate::compensation) struct ModelWatch {
     /// Signals that the model reads.
     reads: Vec<SignalId>,
     pub(in crate::compensation) watch: Option<Watch>,
-    /// Substitutes for rejected readings. The model's own watch (sensor check) rejects some of these sensors. The watch
-    /// of another model has found the others lost. The list has room for the sensors of all watches.
+    /// Substitutes for rejected readings. A sensor in this list was rejected by the watch (sensor check) of
+    /// this model, or was found lost by the watch of another model. The list has room for the sensors of all
+    /// watches.
     substitutions: Vec<Substitution>,
 }
 
@@ -137,9 +138,9 @@ impl Axis {
         settings.zip(watch).into_iter().flat_map(|(settings, watch)| watch.rejected(settings))
     }
 
-    /// Returns the rejected sensors of the axis, each once. Sensors of the model in use come first, then sensors of the
-    /// other models in order. If the model in use has no stand-in for a sensor, the sensor is returned without a
-    /// stand-in.
+    /// Returns the rejected sensors of the axis, without duplicates. Sensors of the model in use come first,
+    /// then sensors of the other models in order. If the model in use has no stand-in for a sensor, the
+    /// sensor is returned without a stand-in.
     pub(in crate::compensation) fn rejected(&self) -> impl Iterator<Item = RejectedSensor> {
         let used = self.decision.model;
         let places =

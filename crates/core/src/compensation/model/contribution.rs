@@ -46,7 +46,8 @@ impl Model {
         all
     }
 
-    /// Returns the signals that contribute, each once, with the value at which the signal contributes nothing.
+    /// Returns the signals that contribute, without duplicates. Each signal is returned with the value at
+    /// which it contributes nothing to Cz.
     fn neutral_values(&self, machine: &Machine) -> Vec<(SignalId, f64)> {
         let captured =
             |reference, signal| machine.captured(reference, signal).map(|captured| captured.value.get());

@@ -8,9 +8,10 @@
 //! begins at the edge, and ends when e is below [`CLEARLY_INSIDE`]. An input that fluctuates at the edge therefore
 //! causes one report only.
 //!
-//! A model that is the mean of two models (its halves) also gives their difference d. Both d and the Cz x of the model
-//! are measured from the datum (zero point). The farther outside, the more the difference reduces the value: `Cz =
-//! x·x²/(x² + (a·d)²)` with `a = clamp((e − 0.10)/0.25, 0, 1)`.
+//! A model that is the mean of two models (its halves) also gives the difference h between the Cz of the
+//! halves. Both h and the Cz z of the model are measured from the datum (zero point). The larger the excess
+//! e, the more the difference reduces the used Cz: `Cz = z·z²/(z² + (a·h)²)` with
+//! `a = clamp((e − 0.10)/0.25, 0, 1)`.
 
 use serde::{Deserialize, Serialize};
 

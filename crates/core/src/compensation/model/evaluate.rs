@@ -5,9 +5,10 @@ use crate::compensation::Snapshot;
 use crate::quantity::{Micron, MicronPerMillimetre};
 use crate::reading::SignalId;
 
-/// Interface of every kind of model: the values that a model requests, its signals, and its inputs that may lag.
+/// Interface of every kind of model: the values that a model requests, its signals, and its inputs that may
+/// have a lag.
 pub trait Evaluate {
-    /// Returns the values that the model requests, from good readings only.
+    /// Returns the values that the model requests. Only good readings and stand-ins are used.
     ///
     /// # Errors
     /// Returns which input has no value, or that the result is not finite.
@@ -16,7 +17,7 @@ pub trait Evaluate {
     /// Returns the signals that the model requires.
     fn signals(&self) -> Vec<SignalId>;
 
-    /// Returns the inputs that may lag, in the order of their [`Lag`](super::Lag)s.
+    /// Returns the inputs that may have a lag, in the order of their [`Lag`](super::Lag)s.
     fn lagging(&self) -> Rises<'_> {
         Rises::default()
     }

@@ -5,7 +5,8 @@ use std::time::Duration;
 
 use crate::quantity::Micron;
 
-/// Expected residual error of a model, one standard deviation. The last probings of an axis scale it.
+/// Expected residual error of a model, one standard deviation. The residuals of the last probings scale this
+/// error.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Expected {
     /// Growth of the error's variance with the time since the datum (zero point) of the model.

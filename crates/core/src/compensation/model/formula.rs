@@ -28,7 +28,7 @@ pub struct Expression {
 pub enum Symbol {
     /// The value of a signal.
     Signal(SignalId),
-    /// Number that the name stands for, for example a constant of the model.
+    /// Number: a constant of the model, or a number in the text of the expression.
     Constant(f64),
     /// Time since machine start in seconds.
     Time,
@@ -123,7 +123,7 @@ impl Expression {
         Ok(stack[0])
     }
 
-    /// Returns the signals of the expression, each once.
+    /// Returns the signals of the expression, without duplicates.
     pub fn signals(&self) -> Vec<SignalId> {
         let mut signals = Vec::new();
         for operation in &self.operations {
@@ -229,7 +229,7 @@ impl Condition {
         (!value.is_nan()).then(|| is_true(value))
     }
 
-    /// Returns the signals of the condition, each once.
+    /// Returns the signals of the condition, without duplicates.
     pub fn signals(&self) -> Vec<SignalId> {
         self.expression.signals()
     }

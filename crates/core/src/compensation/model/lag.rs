@@ -1,4 +1,5 @@
-//! Lag of a structure behind its temperature: `E = K·L·ΔT·(1 − e^(−t/C))`, Janeczko 1989.
+//! Thermal lag: a structure expands later than its temperature sensor warms up, `E = K·L·ΔT·(1 − e^(−t/C))`
+//! (Janeczko 1989).
 //!
 //! `1 − e^(−t/C)` is the step response of a first-order lag. Between two readings, the temperature u is assumed to
 //! change along a straight line (first-order hold). Then the lagged temperature y has the exact solution, with `a =
@@ -13,13 +14,14 @@
 //! # Reference of the rise
 //! The lag stores the temperature y itself, not its rise. Therefore a reference may change without an effect on the
 //! lag.
-//! - A term starts with y at its reference, so with a rise of zero: t = 0 in the article.
+//! - The lag of a term starts with y at the reference of the term. The rise is then zero, as at t = 0 in the
+//!   article.
 //! - A fixed reference is subtracted from y.
 //! - A machine start resets the term: y becomes the temperature at the start. If that temperature becomes known later,
 //!   y is shifted with it, and the rise does not change.
-//! - A zero command does not change y. The rise is then measured from the y at the zero command: it is zero at first,
-//!   and the rest of the structure's response follows. If the rise were measured from the sensor's own temperature, it
-//!   would jump by that rest.
+//! - A zero command does not change y. The rise is then measured from the value of y at the zero command. The
+//!   rise begins at zero, and then shows the remaining response of the structure. A rise measured from the
+//!   sensor's own temperature would jump by this remaining response.
 
 use std::time::Duration;
 

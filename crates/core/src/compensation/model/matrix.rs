@@ -1,5 +1,6 @@
-//! Model `δ = P·ΔT`: the displacement of a guideway at the position of the axis. The blocks are parts of the structure
-//! with one temperature each, and ΔT are their temperature rises. This is model M11, after JP 6507619 B2 (JTEKT).
+//! Model `δ = P·ΔT`: the displacement of a guideway at the position of the axis. The blocks are parts of the
+//! structure with one temperature each, and ΔT are their temperature rises. The project calls this model M11.
+//! Its source is JP 6507619 B2 (JTEKT).
 //!
 //! P comes from a finite-element model of the structure. The matrix here contains only the component that acts on the
 //! axis, as gains of Cz. Between two points of the guideway, Cz is interpolated linearly. Beyond an end, Cz keeps its
@@ -114,8 +115,8 @@ impl Evaluate for Matrix {
         Rises { inputs: &self.inputs, ..Rises::default() }
     }
 
-    /// Returns whether the axis is between the ends of the guideway or beyond an end, and by how much; `None` if its
-    /// position is unknown.
+    /// Returns the position of the axis relative to the ends of the guideway; `None` if the position is
+    /// unknown.
     fn coverage(&self, snapshot: &Snapshot<'_>) -> Option<Coverage> {
         let position = snapshot.value(self.position)?;
         let (first, last) = (self.ends().0.get(), self.ends().1.get());

@@ -1,6 +1,6 @@
-//! Models that are neural networks: back-propagation and radial-basis networks of the project's own format, and
-//! networks in ONNX files. This is model M10, after Ren et al., Chen and Wang, and the notes on radial-basis and
-//! Bayesian networks.
+//! Models that are neural networks: back-propagation and radial-basis networks of the project's own format,
+//! and networks in ONNX files. The project calls this model M10. Its sources are Ren et al., Chen and Wang,
+//! and the notes on radial-basis and Bayesian networks.
 //!
 //! Inputs are temperatures, positions and speeds, each minus its reference, in the signal's unit. The result is Cz in
 //! µm. The network itself contains the scaling of inputs and output, as part of its weights or of the ONNX graph.

@@ -8,7 +8,7 @@ use crate::quantity::{Celsius, MicronPerCelsius};
 /// Term of a sum: gain times rise of an input.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Term<Gain = MicronPerCelsius> {
-    /// Input of the term.
+    /// Input whose rise is multiplied by the gain.
     pub input: Input,
     /// Contribution to the sum if the rise of the input is one unit.
     pub gain: Gain,

@@ -9,10 +9,10 @@
 //! ```
 //!
 //! # A probing that disagrees
-//! If `r² > 16·(P + σ²)`, the cause may be a chip, another tool or a crash. The probing is doubted: it corrects nothing
-//! until the residual of another probing lies within 4·√2·σ of its own. Then both show the true position of the
-//! machine. P is then set so large that the second probing would have been accepted at once. A probing that agrees with
-//! the model ends the doubt.
+//! If `r² > 16·(P + σ²)`, the cause may be a chip, another tool or a crash. The probing is doubted: it
+//! corrects nothing until the residual of another probing lies within 4·√2·σ of the doubted residual. Then
+//! both show the true position of the machine. P is then set so large that the second probing would have been
+//! accepted at once. A probing that agrees with the model ends the doubt.
 
 use std::time::Duration;
 

@@ -8,16 +8,20 @@
 //!
 //! | the model was | and is now | if |
 //! |---|---|---|
-//! | not worse | worse | Σe₁² > 1.1·Σe₀² and Σe₁² − Σe₀² > 8·4σ²; and without the touch of the largest difference, by 10 % and by 4σ² for each touch |
+//! | not worse | worse | both conditions below are true |
 //! | worse | not worse | there are two touches or more, and Σe₁² < Σe₀² |
 //!
+//! - Over all touches: Σe₁² > 1.1·Σe₀² and Σe₁² − Σe₀² > 8·4σ². σ is the standard deviation of a touch.
+//! - Over the n ≥ 1 other touches, without the touch of the largest e₁² − e₀²: Σe₁² > 1.1·Σe₀² and
+//!   Σe₁² − Σe₀² > n·4σ².
+//!
 //! # Rules
-//! - A single touch never changes the verdict. If only one touch differs, the next ones show whether a chip under the
-//!   probe was the cause.
-//! - A touch that the model does not accept waits for the next one. Both are used if the next one is accepted and lies
-//!   within 4·√2·σ of it. Both are also used if the next one is not accepted either and has the same sign. Otherwise
-//!   the waiting touch is discarded.
-//! - A new datum discards the touches. The verdict stays until new touches give another one.
+//! - A single touch never changes the verdict. If only one touch differs, the next touches show whether a
+//!   chip under the probe was the cause.
+//! - A touch that the model does not accept waits for the next touch. Both touches are used if their errors
+//!   e₁ differ by at most 4·√2·σ. Both are also used if the next touch is not accepted either, and both
+//!   errors e₁ have the same sign. Otherwise the waiting touch is discarded.
+//! - A new datum discards the touches. The verdict stays until new touches give another verdict.
 //! - When the correction of the model is discarded, the verdict is discarded too.
 
 use std::time::Duration;
@@ -34,8 +38,8 @@ const FULL: f64 = 8.0;
 const OLDEST: Duration = Duration::from_hours(7 * 24);
 /// Factor by which the sum of the squared errors with the model must exceed the sum without compensation.
 const CLEARLY: f64 = 1.1;
-/// Required excess of the sum with the model over the sum without compensation, for each of the eight touches. In
-/// multiples of the variance σ² of a touch.
+/// Required excess, for each touch, of the sum of the squared errors with the model over the sum without
+/// compensation. The unit is the variance σ² of a touch.
 const FOR_EACH: f64 = 4.0;
 /// Largest difference of two touches that agree, in standard deviations of the difference.
 const AGREES: f64 = 4.0;
@@ -210,8 +214,9 @@ impl Sums {
     }
 }
 
-/// Returns whether this touch confirms the waiting touch. That is the case if the two touches agree, or if this touch
-/// is not accepted either and has the same sign. The waiting touch was then not caused by a chip under the probe.
+/// Returns whether this touch confirms the waiting touch. A touch confirms if the two touches agree, or if
+/// this touch is not accepted either and has the same sign. The waiting touch was then not caused by a chip
+/// under the probe.
 fn confirms(touch: &Touch, credit: Credit, waiting: &Touch, scatter: f64) -> bool {
     let agrees = (touch.with - waiting.with).abs() <= AGREES * std::f64::consts::SQRT_2 * scatter;
     agrees || (credit == Credit::Doubted && touch.with * waiting.with > 0.0)

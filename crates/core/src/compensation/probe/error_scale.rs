@@ -1,15 +1,17 @@
 //! Scale φ of the expected error of one model, from its last touches. A touch is one accepted probing.
 //!
-//! The expected error is identified on the days of the commissioning: σ² = a·h + b. On other days, the model may be
-//! worse or better. The residuals e at the last 24 touches show by how much:
+//! The expected error is identified on the days of the commissioning: σ² = a·h + b, with the time h in hours.
+//! On other days, the model may be worse or better. The residuals e at the last 24 touches show by how much:
 //!
 //! ```text
 //! φ = (8 + Σ e²/(a·h + b + r²)) / (8 + number of touches)        σ² = φ·(a·h + b)
 //! ```
 //!
-//! A residual contains the error of the touch itself, with the standard deviation r (`repeat`). Without r², the first
-//! touches after a datum would widen the expected error: the model is then better than the probe. The number 8 is the weight of the commissioning: without a touch, φ is 1. A new datum (zero point of Cz) changes
-//! nothing, because the touches belong to the model. The functions are pure, and allocate no memory after the creation.
+//! A residual contains the error of the touch itself, with the standard deviation r (`repeat`). Without r²,
+//! the first touches after a datum would increase the expected error, because the error of the model is then
+//! smaller than the error of the probe. The number 8 is the weight of the commissioning: without a touch, φ
+//! is 1. A new datum (zero point of Cz) changes nothing, because the touches belong to the model. The
+//! functions are pure, and allocate no memory after the creation.
 
 use std::collections::VecDeque;
 
@@ -34,7 +36,7 @@ impl ErrorScale {
         ErrorScale { ratios: VecDeque::with_capacity(KEPT) }
     }
 
-    /// Restores the saved touches. A saved value that is not a positive number is skipped.
+    /// Restores the saved touches. A saved value that is negative or not finite is skipped.
     pub(super) fn recall(&mut self, kept: &ErrorScale) {
         self.ratios.clear();
         let skipped = kept.ratios.len().saturating_sub(KEPT);

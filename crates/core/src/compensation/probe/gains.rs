@@ -1,9 +1,10 @@
 //! Estimation of the gains of a linear model from probings (measured errors of the axis), by recursive least squares
 //! with forgetting.
 //!
-//! The estimate is the relative error θ of each gain. φ is the contribution of each term to the model's present Cz. The
-//! correction should be `Σ θ·φ + b`. The offset b is estimated together with the gains, so that a constant error does
-//! not change the gains. The offset that corrects the axis is not b: it is filtered from the remaining error.
+//! The estimate is the relative error θ of each gain. φ is the contribution of each term to the model's
+//! present Cz. The correction should be `Σ θ·φ + b`. The offset b is estimated together with the gains, so
+//! that a constant error does not change the gains. The offset that corrects the axis is not b: it is
+//! filtered from the error that remains after the correction of the gains.
 //!
 //! ```text
 //! K = Pφ / (λσ² + φᵀPφ)     θ += K·(wanted − θᵀφ)     P = (P − K·φᵀP) / λ

@@ -5,9 +5,11 @@ use std::io::{self, Read};
 
 use flate2::read::DeflateDecoder;
 
-/// Maximum size of all decompressed parts together, bytes. The library reads sheets, the largest parts, piece by piece.
+/// Maximum size of all decompressed parts together, bytes. Sheets may be this large, because the library
+/// never keeps a whole sheet in memory.
 const LARGEST: u64 = 1_000_000_000;
-/// Maximum size of the texts of all sheets, bytes. The library keeps them in memory.
+/// Maximum size of a decompressed part that the library keeps in memory, bytes. One such part contains the
+/// texts of all sheets.
 const LARGEST_TEXTS: u64 = 32_000_000;
 /// Length of the end record of a zip file, bytes, without the file comment.
 const END: usize = 22;
@@ -19,7 +21,7 @@ const LOCAL: usize = 30;
 /// Checks the sizes of all parts.
 ///
 /// # Errors
-/// The file is not a zip file, or a part is larger than allowed or than the zip directory states.
+/// The file is not a valid zip file, a part is too large, or the zip directory states a wrong size of a part.
 pub(super) fn check(bytes: &[u8]) -> Result<(), String> {
     let damaged = "the file is not a workbook (.xlsx), or it is damaged: save the sheet as CSV";
     let mut at = directory(bytes).ok_or(damaged)?;

@@ -11,8 +11,9 @@ pub(crate) fn width(group: &Map<String, Value>) -> Option<u16> {
     length.or_else(|| group.contains_key("sdo").then_some(1))
 }
 
-/// Returns the value of a key for the channel with the index `place`. `stride` is the distance between two channels.
-/// `None` if the key belongs to another kind of bus.
+/// Returns the value of a key for the channel with the index `place`. `stride` is the distance between two
+/// channels. `None` if the key belongs to another kind of bus. `Err` contains the reason why a CANopen object
+/// is invalid.
 pub(crate) fn moved(key: &str, value: &Value, place: u16, stride: u16) -> Option<Result<Value, String>> {
     match key {
         "pdo" | "frame" => Some(Ok(farther(value.clone(), u64::from(place) * u64::from(stride)))),
@@ -31,7 +32,8 @@ fn farther(mut frame: Value, bits: u64) -> Value {
     frame
 }
 
-/// Returns the CANopen object of the channel with the index `place`. The sub-indices of the channels follow each other.
+/// Returns the CANopen object of the channel with the index `place`. The sub-indices of the channels are
+/// `stride` apart. The error is a sentence about an invalid object or sub-index.
 pub(crate) fn of_member(object: &str, place: u16, stride: u16) -> Result<String, String> {
     let far = u32::from(place) * u32::from(stride);
     let (index, sub) = object.split_once(':').ok_or_else(|| format!("`{object}` is not a CANopen object"))?;

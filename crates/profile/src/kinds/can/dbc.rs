@@ -9,7 +9,8 @@ use crate::source_map::around;
 use crate::tables::{Check, KeyContext};
 use crate::template;
 
-/// Returns the description of a signal in the DBC file of its device.
+/// Returns the description of a signal in the DBC file of its device. If the file or the signal has an error,
+/// reports the error and returns `None`.
 pub(super) fn described(
     check: &Check<'_>,
     at: &KeyContext<'_>,

@@ -96,7 +96,7 @@ enum ByteOrderWord {
     Big,
 }
 
-/// Who sends a frame: the device, or the gateway.
+/// Sender of a frame: the device or the gateway.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Sender {
     Device,

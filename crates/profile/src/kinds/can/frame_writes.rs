@@ -3,8 +3,8 @@
 use crate::tables::{Check, KeyContext};
 use isotherm_core::codec::{CanId, Field, Frame};
 
-/// Value that an output writes into a CAN frame: the output, the bits of the value, and the frame's bytes before
-/// (`fill`).
+/// Value that an output writes into a CAN frame: the output, the bits of the value, and the bytes of the
+/// frame before the value is inserted (`fill`).
 #[derive(Clone, Debug)]
 pub(crate) struct Written {
     pub(super) device: usize,
@@ -40,7 +40,7 @@ impl Written {
         KeyContext { report: &check.report, path: self.path.clone() }
     }
 
-    /// Number of bytes that the frame needs for the value.
+    /// Returns the number of bytes that the frame needs for the value.
     fn bytes(&self) -> usize {
         self.field.bits.bytes()
     }
@@ -78,8 +78,8 @@ pub(super) fn fill(at: &KeyContext<'_>, text: &str, field: &Field) -> Option<Vec
     Some(bytes)
 }
 
-/// Adds to each device the frames that its outputs write. A frame is as long as the values of all its
-/// outputs require, or as long as `fill`.
+/// Adds to each device the frames that its outputs write. A frame has the length of `fill`. Without `fill`,
+/// it has the length that the values of all its outputs require.
 pub(super) fn resolve(check: &mut Check<'_>) {
     let written = check.written_frames.borrow().clone();
     for (place, one) in written.iter().enumerate() {

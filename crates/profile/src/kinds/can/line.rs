@@ -1,5 +1,6 @@
-//! Preview of a CAN line: the SYNC messages that the gateway sends, and the receive filters of the kernel. The kernel
-//! discards received frames that match no filter. This file also contains the preview of a device on a CAN line.
+//! Preview of a CAN line in the output of `isotherm check`: the SYNC messages that the gateway sends, and the
+//! receive filters of the kernel. The kernel discards received frames that match no filter. This file also
+//! contains the preview of a device on a CAN line.
 
 use super::emergency::Emergency;
 use super::node::{CanDevice, Setup};
@@ -49,7 +50,8 @@ pub(super) fn preview(profile: &Profile, id: BusId) -> Section {
 }
 
 impl CanDevice {
-    /// Preview of the device: monitoring, setup, received frames, requested objects, written frames.
+    /// Returns the preview of the device: monitoring, setup, received frames, requested objects, written
+    /// frames.
     pub(crate) fn preview(&self, profile: &Profile, id: DeviceId) -> Section {
         let own = || profile.signals_of(id).map(|(_, signal)| signal);
         let watched = self.node.map(|node| {

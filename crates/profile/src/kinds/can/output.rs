@@ -107,8 +107,8 @@ fn target(
     Some((Address::Frame(field), verify?))
 }
 
-/// Resolves the verification of a value in a CAN frame, to which no device answers. The value is read back from a
-/// CANopen object, or is only shown on a display and not verified.
+/// Resolves the verification of a value in a CAN frame, to which no device answers. The gateway reads the
+/// value back from a CANopen object. A corrected position that is only shown on a display is not verified.
 fn of_a_frame(raw: &RawOutput, at: &KeyContext<'_>, data_type: DataType, owner: &str) -> Option<Verify> {
     let place = at.key("read_back");
     let kept = |verify: &VerifyWord| *verify == VerifyWord::ReadBack && raw.read_back.is_some();

@@ -10,7 +10,7 @@ use crate::tables::signal::{Located, RawSignal};
 use crate::tables::{Check, KeyContext};
 use isotherm_core::codec::{Address, DataType, Encoding};
 
-/// Resolves the place from which a signal is read: CAN frames, or a CANopen object.
+/// Resolves the source of a signal: the bits of CAN frames, or a CANopen object.
 pub(super) fn resolve(check: &Check<'_>, raw: &RawSignal, at: &KeyContext<'_>) -> Option<Located> {
     let device = raw.device.as_deref()?;
     let own = (raw.scale.unwrap_or(1.0), raw.offset.unwrap_or(0.0));
@@ -80,9 +80,10 @@ fn scale_over(raw: &RawSignal, at: &KeyContext<'_>, found: &Described) -> Option
     at.key(there).reject(message, format!("write `{missing}` as well, or remove both"))
 }
 
-/// Compares the unit of the DBC file with the unit of the profile. If they differ, converts scale and offset of the
-/// file. If the profile has its own `scale`, nothing is converted. Returns the unit for a signal whose unit the profile
-/// does not state; `None` for a number without a unit.
+/// Compares the unit of the DBC file with the unit of the profile. If the profile does not support the unit
+/// of the file, scale and offset of `found` are converted to a supported unit where possible, see
+/// `is_converted`. Reports an error if the profile states a different unit and no `scale`. Returns the
+/// supported unit of the file, or the unit after the conversion. Otherwise returns `None`.
 fn convert(raw: &RawSignal, at: &KeyContext<'_>, found: &mut Described) -> Option<Unit> {
     let own = raw.unit.as_deref().and_then(Unit::named);
     let is_replaced = raw.scale.is_some();

@@ -4,8 +4,9 @@ use serde_json::{Map, Value};
 
 use crate::tables::register::{Bits, Cell};
 
-/// Changes every register in the value of `key` to the register of the channel with the index `place`. The value may
-/// contain tables and lists. `stride` is the distance between two channels. `base` is added to all register numbers.
+/// Changes every register in the value of `key` to the register of the channel with the index `place`. The
+/// value may contain tables and lists. `stride` is the distance between two channels. `base` is added to all
+/// register numbers. The error is a sentence about an invalid register.
 pub(crate) fn moved(value: Value, key: &str, place: u16, stride: u16, base: u16) -> Result<Value, String> {
     let inner = |(key, value): (String, Value)| Ok((key.clone(), moved(value, &key, place, stride, base)?));
     Ok(match value {
@@ -28,8 +29,9 @@ fn is_register(key: &str) -> bool {
         || matches!(key, "sequence" | "complement" | "heartbeat" | "control" | "strobe" | "acknowledge")
 }
 
-/// Returns the register of the channel with the index `place`. If the register is a single bit, the channels are
-/// consecutive bits. If the register has several bits, the next channel has the same bits of the next register.
+/// Returns the register of the channel with the index `place`. If the register is a single bit, the channels
+/// are `stride` bits apart. Otherwise they are `stride` registers apart, with the same bits of each register.
+/// The error is a sentence about an invalid register.
 pub(crate) fn shifted(register: &str, place: u16, stride: u16, base: u16) -> Result<String, String> {
     let mut cell: Cell = register.parse()?;
     let far = u32::from(place) * u32::from(stride);

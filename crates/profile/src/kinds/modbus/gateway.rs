@@ -4,8 +4,8 @@
 use crate::document::Section;
 use crate::{BusId, Profile};
 
-/// Preview of the devices behind a Modbus gateway, and how the gateway treats them. `None` if no device is behind a
-/// Modbus gateway.
+/// Returns the preview of the devices behind a Modbus gateway, and how isotherm treats them. `None` if no
+/// device of the line is behind a Modbus gateway.
 pub(super) fn preview(profile: &Profile, id: BusId) -> Option<Section> {
     let here = profile.devices_on(id).filter(|(device, _)| profile.is_behind_gateway(*device));
     let devices: Vec<&str> = here.map(|(_, device)| device.name.as_str()).collect();

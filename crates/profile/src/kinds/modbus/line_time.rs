@@ -80,8 +80,8 @@ fn least_time(serial: Serial, device: &Device, signals: &[&Signal]) -> f64 {
     seconds
 }
 
-/// Preview of a serial port: its settings, and the time that polls take. The answer times of the devices are not
-/// included.
+/// Returns the preview of a serial port: its settings, and the time that polls take. The answer times of the
+/// devices are not included.
 pub(super) fn preview(profile: &Profile, id: BusId, serial: Serial) -> Section {
     let transport = profile.bus(id).transport;
     let settings = transport.port_settings();

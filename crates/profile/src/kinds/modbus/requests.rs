@@ -64,9 +64,9 @@ fn join_scales(requests: &mut Vec<ReadRequest>, limit: u16) {
     }
 }
 
-/// Returns the index of the last partner that can be merged with the request at index `place`. A partner is a later
-/// request. It reads the scale of a value that the request at `place` reads, or the value for such a scale. `None` if no
-/// partner can be merged.
+/// Returns the index of the last partner that can be merged with the request at index `place`. `None` if no
+/// partner can be merged. A partner is a later request for the other half of a signal: it reads the scale if
+/// the request at `place` reads the value, or the value if that request reads the scale.
 fn farthest_partner(requests: &[ReadRequest], place: usize, limit: u16) -> Option<usize> {
     let (from, _) = requests[place].span()?;
     let belongs = |next: &ReadRequest| {

@@ -74,8 +74,9 @@ impl Serial {
         Duration::from_secs(1) * 77 / (2 * self.baud.max(1))
     }
 
-    /// Returns settings with a reduced baud rate, so that times calculated for RTU frames are long enough for ASCII
-    /// frames. An ASCII frame has two characters for each byte, and one more.
+    /// Returns settings with a reduced baud rate, so that times calculated for RTU frames are long enough for
+    /// ASCII frames. An ASCII frame has two characters for each byte of the RTU frame, and one more
+    /// character.
     pub const fn for_ascii(self) -> Serial {
         Serial { baud: self.baud / 5 * 2 + 1, ..self }
     }

@@ -1,7 +1,7 @@
 //! Settings of an OPC UA connection: endpoint of the server, security, and the user as which the gateway logs in.
 //!
-//! The files are read with the profile, so that a missing file is reported at its key. The module that opens the line
-//! checks their content.
+//! The certificate, key and password files are read together with the profile, so that a missing file is
+//! reported at its key. The module that opens the line checks their content.
 
 use std::net::Ipv4Addr;
 
@@ -112,7 +112,7 @@ impl OpcUa {
         self.own.iter().map(|(_, key)| key).chain(of_user)
     }
 
-    /// Preview of the connection: message security, user, and trusted servers.
+    /// Returns the preview of the connection: message security, user, and trusted servers.
     pub(crate) fn preview(&self) -> Section {
         let security = match self.security {
             Security::None => "neither signed nor encrypted",

@@ -194,8 +194,8 @@ pub(crate) fn written(at: &KeyContext<'_>, text: Option<&String>, kind: Option<T
     typed(at, text, kind, ("which node is written?", "a server accepts a value only in the node's own type"))
 }
 
-/// Resolves the node of a check (`verify`). The profile must state the type of the node, in which the value is
-/// compared.
+/// Resolves the node of a check (`verify`). The profile must state the type of the node, because the value is
+/// compared in this type.
 pub(crate) fn compared(at: &KeyContext<'_>, text: Option<&String>, kind: Option<TypeWord>) -> Option<Node> {
     typed(at, text, kind, ("which node is read?", "the value is compared in the node's own type"))
 }

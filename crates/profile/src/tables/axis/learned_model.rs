@@ -13,8 +13,9 @@ use isotherm_core::compensation::settings::LearnedSlot;
 use isotherm_core::quantity::{Celsius, Micron, MicronPerCelsius};
 use isotherm_core::reading::SignalId;
 
-/// Adds the learned model to each axis with the key `learn`. The gains of this model are zero until the axis has
-/// learned. The signals must be resolved before.
+/// Adds the learned model to each axis with the key `learn`. The gains of this model are zero until the axis
+/// has learned. Reports an error if an axis has no signal from which a model can be learned. The signals must
+/// be resolved before this call.
 pub(in crate::tables) fn add_slots(check: &mut Check<'_>) {
     let is_learning = |axis: &&Axis| axis.learning.is_some();
     if !check.axes.valid().any(|axis| is_learning(&axis)) {

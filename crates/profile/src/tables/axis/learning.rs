@@ -17,7 +17,7 @@ pub(super) enum LearnWord {
     Daily,
 }
 
-/// Who adopts a learned model that is better than the model in use: an operator, or the gateway.
+/// Whether an operator or the gateway adopts a learned model that is better than the model in use.
 #[derive(Clone, Copy, Debug, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub(super) enum AdoptWord {
@@ -30,7 +30,7 @@ pub(super) enum AdoptWord {
 pub struct Learning {
     /// Signals that the learned model must not use.
     pub without: Vec<SignalId>,
-    /// Who adopts a learned model that is better than the model in use.
+    /// Whether an operator or the gateway adopts a learned model that is better than the model in use.
     pub adopt: Policy,
 }
 

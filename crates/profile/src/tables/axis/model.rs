@@ -60,8 +60,8 @@ impl RawModel {
     }
 }
 
-/// Preview of a model: its formula and effects, and the range in which the model is valid. `place` is its index among
-/// the models of the axis.
+/// Returns the preview of a model: its formula and effects, and the range in which the model is valid.
+/// `place` is its index among the models of the axis.
 pub(super) fn preview(
     signals: &[Signal],
     place: usize,

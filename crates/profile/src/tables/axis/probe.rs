@@ -214,7 +214,7 @@ impl RawGains {
     }
 }
 
-/// Describes for the preview where measured errors come from, their sign, and their limits.
+/// Describes the source of measured errors, their sign, and their limits, for the preview.
 pub(super) fn preview(signals: &[Signal], axis: &Axis, settings: &ProbeSettings) -> String {
     let name = |id: SignalId| signals[id.0].name.as_str();
     let from = match &axis.probe_input {

@@ -1,8 +1,8 @@
 //! Modbus/TCP Security: files with which the two ends of a line authenticate each other.
 //!
-//! The files are read with the profile, so that a missing file is reported at its key. The module that opens the line
-//! checks their content, because only that module has a TLS library. Each [`NamedFile`] stores the position of its key
-//! in the profile, so that an error can be reported at this position.
+//! These files are read together with the profile, so that a missing file is reported at its key. The module
+//! that opens the line checks their content, because only that module has a TLS library. Each [`NamedFile`]
+//! stores the position of its key in the profile, so that an error can be reported at this position.
 
 use std::fmt;
 
@@ -46,7 +46,8 @@ pub struct Tls {
     pub key: NamedFile,
     /// Name that the certificate of the device must contain.
     pub name: String,
-    /// Error at the position of the key `name`, or of `ca` if there is no `name`, without a message. [`Tls::wrong_name`] adds the message.
+    /// Error without a message, at the position of the key `name`, or of the key `ca` if there is no `name`.
+    /// [`Tls::wrong_name`] adds the message.
     name_at: ProfileError,
 }
 
@@ -61,7 +62,7 @@ pub struct NamedFile {
 }
 
 impl Tls {
-    /// Preview of a line with TLS: trusted certificates, and the certificate of the gateway.
+    /// Returns the preview of a line with TLS: trusted certificates, and the certificate of the gateway.
     pub(super) fn preview(&self) -> Section {
         let (name, trusts, shows) = (&self.name, &self.ca.name, &self.cert.name);
         let mut section = Section::default();
@@ -73,7 +74,8 @@ impl Tls {
         section
     }
 
-    /// Creates an error at the key `name`, or at `ca` if there is no `name`: no certificate can contain this name.
+    /// Creates an error because no certificate can contain the required name. The error is at the key `name`,
+    /// or at `ca` if there is no `name`.
     pub fn wrong_name(&self) -> ProfileError {
         let message = format!("`{}` cannot be the name in a certificate", self.name);
         ProfileError { message, ..self.name_at.clone() }

@@ -61,14 +61,14 @@ pub struct Expected {
     pub equals: i64,
     /// Meaning of the value, which messages show next to the value.
     pub what: String,
-    /// Advice what to do if the device has a different value, for messages.
+    /// Remedy if the device has a different value, for messages.
     pub remedy: String,
     /// Period of the check in operation. The gateway extends it if the checks would take too much of the line's time.
     pub every: Duration,
 }
 
 impl Expected {
-    /// Preview of the check with this period.
+    /// Returns the preview of the check with this period.
     pub(crate) fn preview(&self, period: Duration) -> Section {
         let Expected { equals, what, .. } = self;
         let mut section = Section::default();

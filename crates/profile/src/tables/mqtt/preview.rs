@@ -6,7 +6,7 @@ use crate::document::{Section, entries};
 use crate::duration::shown;
 
 impl Mqtt {
-    /// Preview of the publication: broker, content, periods, and accepted commands.
+    /// Returns the preview of the publication: broker, content, periods, and accepted commands.
     pub(crate) fn preview(&self, profile: &Profile) -> Section {
         let mut section = Section::default();
         let (broker, machine) = (self.broker.to_string(), &profile.name);

@@ -1,4 +1,5 @@
-//! Preview of the OPC UA server: its address, its protection, and who may log in.
+//! Preview of the OPC UA server, which `isotherm check` prints: its address, its protection, and the users
+//! that may log in.
 
 use super::user::{ServerLogin, ServerUser};
 use super::{AnonymousClients, OpcUaServer};

@@ -44,7 +44,7 @@ pub struct ServerUser {
     pub name: String,
     /// Secret with which the user logs in.
     pub login: ServerLogin,
-    /// Whether the user may send measured errors.
+    /// Whether the user may send measured errors of an axis. Measured errors correct the models of the axis.
     pub takes_measured: bool,
 }
 
@@ -100,7 +100,7 @@ impl RawServerUser {
     }
 }
 
-/// Resolves all users. Reports every error.
+/// Resolves all users. Reports every error. `None` if a user cannot be resolved.
 pub(super) fn resolve(
     at: &KeyContext<'_>,
     raw: &[RawServerUser],

@@ -64,7 +64,8 @@ pub struct Applied {
     pub settle: Duration,
 }
 
-/// Resolves `read_back` of an output on a Modbus device. `written` is the register of the output, with its encoding.
+/// Resolves `read_back` of an output on a Modbus device. `written` is the register of the output, with its
+/// encoding. `None` if the profile states no `read_back`, or no usable one. Errors are reported.
 pub(crate) fn resolve(
     raw: &RawOutput,
     at: &KeyContext<'_>,

@@ -22,7 +22,8 @@ pub(super) struct RawBeside {
     register: Option<String>,
     /// Value of the word, if it is constant.
     value: Option<u16>,
-    /// Factor for the number of decimals of `scale`. The word is this number times the factor.
+    /// Factor of a word that depends on the number of decimals of `scale`. The word is the number of decimals
+    /// times the factor.
     decimals: Option<u16>,
     /// Word while the axis follows its first model.
     good: Option<u16>,
@@ -161,8 +162,9 @@ pub(crate) fn resolve(raw: &RawOutput, at: &KeyContext<'_>, device: Option<&Devi
     Display { beside, stale }
 }
 
-/// Returns the type of an output at the key `type`. The type of a digit display includes the number of decimals, which
-/// results from `scale`.
+/// Returns the type of an output at the key `type`. The type of a digit display includes the number of
+/// decimals, which results from `scale`. `None` if the type is missing, or if `scale` does not result in a
+/// number of decimals, which is reported.
 pub(crate) fn digits(raw: &RawOutput, at: &KeyContext<'_>) -> Option<DataType> {
     let TypeWord(kind) = raw.kind?;
     match (kind, raw.scale) {

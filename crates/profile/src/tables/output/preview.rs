@@ -1,4 +1,5 @@
-//! Preview of an output.
+//! Preview of an output, which `isotherm check` prints: its address, the written quantity, the range of its
+//! counts, and the verification of its writes.
 
 use super::applied::Applied;
 use super::share::Share;

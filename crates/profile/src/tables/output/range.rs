@@ -1,4 +1,5 @@
-//! Meaning of a written value, and the range of its counts, which results from the limits of its axis.
+//! Range of the counts that an output can write, calculated from the limits of its axis. Also describes the
+//! written quantity for the preview.
 
 use super::Output;
 use super::share::Share;

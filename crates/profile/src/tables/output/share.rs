@@ -22,8 +22,8 @@ pub enum Share {
 }
 
 impl Share {
-    /// Returns the smallest number of counts that a step must have. A step of a shared register needs two counts,
-    /// because the sum in the register skips zero. Zero is the value after a restart of the CNC.
+    /// Returns the smallest permitted step of the axis, in counts of the register. A shared register needs
+    /// two counts, because its value must never become zero. Zero is the value after a restart of the CNC.
     pub const fn counts_of_a_step(self) -> u32 {
         match self {
             Share::Whole => 1,

@@ -1,5 +1,5 @@
-//! Settings of an output as the profile file states them, without the layers above the file. They determine how the
-//! control interprets the registers of the output.
+//! Settings of an output as the profile file states them, without the layers above the file (local file,
+//! environment, `--set`). These settings determine how the control interprets the registers of the output.
 
 use serde_json::Value;
 

@@ -87,7 +87,8 @@ impl Writes {
     }
 }
 
-/// Resolves the key `writes`. For "corrected", also resolves the signal of the position.
+/// Resolves the key `writes`. For "corrected", also resolves the signal of the position. `None` if `writes`
+/// is missing, or if the position cannot be resolved.
 pub(super) fn resolve(
     writes: Option<WritesWord>,
     position: Option<&String>,

@@ -1,4 +1,4 @@
-//! Place of a value in registers: whole registers, one bit, or several adjacent bits.
+//! Location of a value in registers: whole registers, one bit, or several adjacent bits.
 
 use std::fmt;
 use std::str::FromStr;
@@ -45,8 +45,9 @@ impl Cell {
         }
     }
 
-    /// Resolves the type of a value that consists of several bits. `kind` is the type that the profile states at the
-    /// key `type`. By default the bits are unsigned, and in one register.
+    /// Resolves the type of a value that consists of several bits. `kind` is the type that the profile states
+    /// at the key `type`. By default the bits are unsigned, and in one register. Reports a type that is not
+    /// possible, or bits outside of the type, and returns `None`.
     pub(crate) fn part(
         at: &KeyContext<'_>,
         (first, last): (u8, u8),

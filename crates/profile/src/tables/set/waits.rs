@@ -6,8 +6,9 @@ use super::OutputSet;
 use crate::duration::shown;
 use crate::tables::Check;
 
-/// Reports a handshake timeout that is not longer than the bus timeout. Also reports a handshake whose two waits may
-/// take as long as the period of its axis or the refresh of its outputs.
+/// Reports a handshake timeout that is not longer than the bus timeout. A handshake waits twice: for the
+/// acknowledge signal to rise, and to drop. Also reports a timeout with which both waits may take as long as
+/// the period of the axis, or as the refresh of an output.
 pub(super) fn has_time(check: &Check<'_>, set: &OutputSet) {
     let Some(handshake) = &set.handshake else { return };
     let at = set.at(check).key("handshake").key("timeout");

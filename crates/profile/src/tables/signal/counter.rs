@@ -1,5 +1,6 @@
-//! `counter` of a counting signal: the rollover of its count, its largest speed, and the command that captures the
-//! count.
+//! `counter` of a signal whose value is the count of a linear scale or an encoder. After the highest count,
+//! such a counter continues with the lowest count (rollover). The keys state the largest speed of the axis,
+//! and the command that captures the count.
 
 use std::time::Duration;
 
@@ -17,7 +18,8 @@ use isotherm_core::codec::{Counter, Encoding, Register, Table};
 #[serde(deny_unknown_fields)]
 #[schemars(rename = "Counter")]
 pub(super) struct RawCounter {
-    /// Largest speed of the axis, units per second. A faster change sets a new reference, and does not count as motion.
+    /// Largest speed of the axis, units per second. A faster change does not count as motion: the counter
+    /// then has a new reference (zero position).
     #[schemars(required)]
     max_speed: Option<f64>,
     /// Command that is written before each read, for a counter that copies its count into registers only on command.
@@ -47,6 +49,7 @@ pub struct Capture {
 
 impl RawCounter {
     /// Resolves the counter of a signal, and the command that captures its count. `every` is the poll period.
+    /// Each result is `None` if it is missing or invalid. Errors are reported.
     pub(super) fn resolve(
         &self,
         at: &KeyContext<'_>,

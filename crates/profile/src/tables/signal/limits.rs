@@ -11,8 +11,8 @@
 //! | any other | not below absolute zero | none |
 //! | `difference = true` | none | none |
 //!
-//! A signal contains these limits separately from those of the profile. A replay applies only the limits of the
-//! profile, so that the log of an earlier version gives the same decisions again.
+//! Default limits are stored separately from the limits that the profile states. A replay applies only the
+//! limits of the profile. The log of an earlier version therefore gives the same decisions again.
 
 use serde::{Deserialize, Serialize};
 
@@ -177,7 +177,8 @@ impl RawSignal {
         self.difference.unwrap_or(false)
     }
 
-    /// Resolves the key `difference`, which only a temperature may have.
+    /// Resolves the key `difference`: whether the signal is a difference of two temperatures. Reports the key
+    /// at a signal with another unit than °C or K.
     pub(super) fn is_difference(&self, at: &KeyContext<'_>, unit: Option<Unit>) -> bool {
         let is_difference = self.is_marked_difference();
         if let Some(unit) = unit.filter(|unit| is_difference && Temperature::of(*unit).is_none()) {

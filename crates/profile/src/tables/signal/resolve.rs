@@ -11,8 +11,8 @@ use crate::tables::device::Device;
 use crate::tables::{Check, KeyContext, expression, label};
 use crate::{DeviceId, ReadBy};
 
-/// Largest age of a value from a subscription, in poll periods. It takes up to one period each to sample, send, request
-/// and use a value.
+/// Largest age of a value from a subscription, in poll periods. Sampling, sending, requesting and using the
+/// value may each take one period.
 const SENT_WITHIN: u32 = 4;
 
 impl RawSignal {

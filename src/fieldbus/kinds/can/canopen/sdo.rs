@@ -1,11 +1,13 @@
 //! SDO client: reads or writes one entry of a node's object dictionary, frame by frame.
 //!
-//! The caller sends the returned frames, passes in the frames with the identifier [`Client::answers`], and reports a
-//! timeout. Only index and sub-index distinguish the frames of two SDO transfers, and a segment does not contain them.
-//! The client therefore ignores a frame that cannot be the expected answer. After a transfer that ended without its
-//! last answer, the client first reads an entry that every node has. A node answers in order. When the answer to that
-//! read arrives, no answer to an older transfer can follow. No old answer can then be mistaken for the answer to the
-//! next transfer.
+//! The caller sends the returned frames, passes in the frames with the identifier [`Client::answers`], and
+//! reports a timeout.
+//!
+//! The frames of two SDO transfers differ only in index and sub-index, and a segment contains neither. The
+//! client therefore ignores a frame that cannot be the expected answer. After a transfer that ended without
+//! its last answer, the client first reads an entry that every node has. A node answers in order. When the
+//! answer to this read arrives, no answer to an older transfer can follow. No old answer can then be mistaken
+//! for the answer to the next transfer.
 //!
 //! ```text
 //! read    40 index sub ─► ◄─ 43 index sub data                                     at most 4 bytes: expedited

@@ -50,9 +50,9 @@ pub(super) fn lengths(request: ModbusRequest<'_>) -> (usize, usize) {
     }
 }
 
-/// Returns whether the answer to this request could begin with the same bytes as the request. An echo could then be
-/// mistaken for the answer. In the answer to a read, the byte with the data length is where the request has the high
-/// byte of the address.
+/// Returns whether the answer to this request could begin with the same bytes as the request. An echo could
+/// then be mistaken for the answer. In the answer to a read, the data length has the position that the high
+/// byte of the address has in the request.
 pub(super) fn is_like_its_answer(request: ModbusRequest<'_>) -> bool {
     match request {
         ModbusRequest::Read { from, count } => {
@@ -64,8 +64,8 @@ pub(super) fn is_like_its_answer(request: ModbusRequest<'_>) -> bool {
     }
 }
 
-/// Searches for the answer to a request like [`find`], but not inside an answer of which the end is missing. Bytes
-/// inside such an answer may look like a frame.
+/// Searches for the answer to a request like [`find`], but not inside an incomplete answer. Bytes inside an
+/// incomplete answer may look like a frame.
 pub(super) fn find_answer(bytes: &[u8], unit: u8, request: ModbusRequest<'_>) -> Reply {
     find_before(bytes, unit, incomplete_answer(bytes, unit, request).unwrap_or(bytes.len()))
 }

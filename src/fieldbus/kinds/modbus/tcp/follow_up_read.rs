@@ -69,7 +69,8 @@ impl FollowUpRead {
         Some((open.unit, Request::Modbus(open.request), open.asked))
     }
 
-    /// Removes the unanswered read, if `request` is that read. Returns its transaction number and its time of sending.
+    /// Removes the unanswered read, if `request` is that read, and returns its transaction number and its
+    /// time of sending. Otherwise returns `None`.
     pub(super) fn take_unanswered(&mut self, unit: u8, request: ModbusRequest<'_>) -> Option<(u16, Moment)> {
         let is_it =
             |open: &mut SentRead| open.answer.is_none() && (open.unit, open.request) == (unit, request);
@@ -83,8 +84,9 @@ impl FollowUpRead {
         }
     }
 
-    /// Returns the stored answer and the time at which its read was sent, if `request` is this read. A stored answer is
-    /// discarded if its read was sent longer ago than the timeout.
+    /// Returns the stored answer and the time at which its read was sent, if `request` is this read.
+    /// Otherwise returns `None`. A stored answer is discarded if its read was sent longer ago than the
+    /// timeout.
     pub(super) fn take(
         &mut self,
         unit: u8,

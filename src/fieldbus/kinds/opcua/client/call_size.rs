@@ -1,8 +1,9 @@
-//! Number of nodes in one call, as far as the gateway has learnt it from refusals of the server.
+//! Maximum number of nodes in one call, as learned from refusals of the server.
 //!
-//! A server may accept fewer nodes in one call than it states, or state no limit. It then refuses the whole call,
-//! because it has too many nodes, or because the request or its answer is too long. The gateway halves the call. It
-//! uses the smaller size for all later calls, also on later connections.
+//! A server may accept fewer nodes in one call than it states, or state no limit. It then refuses the whole
+//! call, because the call has too many nodes, or because the request or its answer is too long. The gateway
+//! halves the number of nodes in the call. It uses the smaller size for all later calls, also on later
+//! connections.
 
 use std::sync::{Arc, Mutex, PoisonError};
 

@@ -32,8 +32,8 @@ use super::files::{application, certificate};
 /// Key length in bits. Every supported security policy accepts a key of this length, and even the computer of a small
 /// control can process such a key.
 const KEY_BITS: usize = 2048;
-/// Time by which the validity of a new certificate begins before its creation, because the clock of a control may be
-/// slow.
+/// Time from the beginning of the validity of a new certificate to its creation. The validity begins earlier,
+/// because the clock of a control may be slow.
 const EARLIER: Duration = Duration::from_hours(24);
 /// Object identifier of the extended key usage "TLS client authentication", which OPC UA requires of a client.
 const OF_A_CLIENT: ObjectIdentifier = ObjectIdentifier::new_unwrap("1.3.6.1.5.5.7.3.2");

@@ -1,4 +1,5 @@
-//! Certificate of a server with its chain: the certificates of its authorities follow its own (OPC UA Part 6, 6.2.6).
+//! Certificate of a server with its chain: the server's own certificate, followed by the certificates of its
+//! authorities (OPC UA Part 6, 6.2.6).
 //!
 //! The library parses a certificate only without a chain. The gateway therefore passes only the server's own
 //! certificate to the library. The gateway, not the library, decrypts an answer that contains the chain
@@ -14,7 +15,7 @@ use x509_cert::der::{Decode, Reader, SliceReader};
 /// First bytes of the server's answer when a channel is opened: message type `OPN`, and the mark `F` of a complete
 /// message.
 const OPENED: &[u8] = b"OPNF";
-/// Length in bytes of the type, the length and the number of the channel, with which each message begins.
+/// Length in bytes of the message header: message type, message length and number of the channel.
 const HEADER: usize = 12;
 /// Longest key, in bytes, for which one byte contains the length of the padding. A longer key needs two bytes.
 const LONG_KEY: usize = 256;
@@ -58,9 +59,10 @@ impl ChainOpener {
         ChainOpener { own: own.clone(), server: server.to_vec(), policy }
     }
 
-    /// Returns the answer as the library can read it. If the answer contains the server's certificate with its chain,
-    /// the result is its content as a message without security. If it contains the certificate alone, the result is the
-    /// answer itself: the library checks its signature with this certificate.
+    /// Returns the answer in a form that the library can read. If the answer contains the server's
+    /// certificate with its chain, the result is the decrypted content as a message without security. If the
+    /// answer contains the certificate without a chain, the result is the unchanged answer: the library
+    /// checks its signature with this certificate.
     ///
     /// Returns `None` for all other messages: without security, with another policy or certificate, or with a chain and
     /// a wrong signature.
@@ -144,7 +146,8 @@ mod tests {
         (X509::from_der(&cert).unwrap(), PrivateKey::from_pem(key.as_bytes()).unwrap(), cert)
     }
 
-    /// Returns the answer of a server that shows `shown`, with this content, signed and encrypted for `to`.
+    /// Returns the answer of a server that sends the certificate `shown`, with this content, signed with
+    /// `key` and encrypted for `to`.
     fn sealed(policy: SecurityPolicy, shown: &[u8], key: &PrivateKey, to: &X509, content: &[u8]) -> Vec<u8> {
         let receiver = to.public_key().unwrap();
         let block = policy.asymmetric_padding_info(&receiver).block_size;
@@ -205,7 +208,8 @@ mod tests {
         }
     }
 
-    /// The library accepts an answer without security on a secured channel, and one with any certificate.
+    /// Without the opener, the library accepts an answer without security on a secured channel, and an answer
+    /// with any certificate.
     #[test]
     fn an_answer_without_security_or_of_another_certificate_or_policy_is_rejected() {
         let (server, server_key, server_der) = made("server");

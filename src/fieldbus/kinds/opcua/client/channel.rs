@@ -32,8 +32,8 @@ const CHUNK: usize = 65_535;
 const MESSAGE: usize = 4_000_000;
 const CHUNKS: usize = 100;
 
-/// Maximum number of elements in a received list. A message of the permitted size has no more; the limit matters
-/// because a decoded list needs far more memory than its bytes.
+/// Maximum number of elements in a received list. A message of the permitted size contains no more elements.
+/// The limit is necessary because a decoded list needs far more memory than its bytes.
 const ELEMENTS: usize = 65_535;
 
 type Transport = StreamTransport<Chunks<ReadHalf<TcpStream>>, WriteHalf<TcpStream>>;

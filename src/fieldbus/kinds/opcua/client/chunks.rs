@@ -5,8 +5,8 @@
 //!   states, up to four gigabytes.
 //! - The first reply of the server is recorded. The library reports every reply except an acknowledgement as a closed
 //!   connection. The reason that the server states would be lost.
-//! - An answer that opens a secured channel must be from the server. If it contains the server's certificate with its
-//!   chain, [`ChainOpener`] replaces it.
+//! - An answer that opens a secured channel must be from the server. [`ChainOpener`] replaces such an answer
+//!   if it contains the server's certificate with its chain.
 
 use std::borrow::Cow;
 use std::io::{Error, ErrorKind, Result};

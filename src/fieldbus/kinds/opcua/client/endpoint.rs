@@ -29,9 +29,10 @@ pub(super) fn choose(
     ranked.min_by_key(|(rank, _)| *rank).map(|(_, endpoint)| endpoint)
 }
 
-/// Returns the rank of the strongest login method for this user at the endpoint (0 is the strongest), and the method.
-/// If the method names no security policy, the policy of the endpoint applies (OPC UA Part 4, UserTokenPolicy). The
-/// library would use no security in this case.
+/// Returns the rank of the strongest login method for this user at the endpoint (0 is the strongest), and the
+/// method; `None` if the endpoint has no usable method for this user. If the method names no security policy,
+/// the policy of the endpoint applies (OPC UA Part 4, UserTokenPolicy). The library would use no security in
+/// this case.
 fn token(endpoint: &EndpointDescription, user: &IdentityToken) -> Option<(usize, UserTokenPolicy)> {
     let kind = user_kind(user);
     let offered = endpoint.user_identity_tokens.iter().flatten().filter(|token| token.token_type == kind);

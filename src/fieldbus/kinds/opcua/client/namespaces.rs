@@ -1,5 +1,5 @@
-//! Namespaces of an OPC UA server: the index of each URI, and the identifiers that the nodes of a profile have at
-//! present.
+//! Namespaces of an OPC UA server: the index of each URI, and the present identifiers of the nodes of a
+//! profile.
 
 use std::sync::Arc;
 
@@ -52,7 +52,7 @@ impl Namespaces {
         self.table.clone()
     }
 
-    /// Returns the namespace URI at this index of the server.
+    /// Returns the namespace URI at this index of the server; `None` if the server has no URI at this index.
     pub(super) fn uri(&self, index: u16) -> Option<&str> {
         self.uris.get(usize::from(index)).map(String::as_str).filter(|uri| !uri.is_empty())
     }

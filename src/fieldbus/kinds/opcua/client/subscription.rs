@@ -1,13 +1,15 @@
 //! Values that a server sends by subscription, and their age.
 //!
 //! ```text
-//! a poll ─► messages since the last one ─► one more Publish request ─► the latest values
+//! poll ─► messages since the last poll ─► another Publish request ─► latest values
 //! ```
 //!
-//! - A message answers a Publish request. The values were valid after that request was sent, so their age counts from
-//!   then. If the server has nothing more to send, a value that is missing in the message has not changed.
-//! - If the age counts from the source time stamps, the server also sends a value if only its time stamp is new.
-//!   Otherwise the server reports that nothing has changed, and this report may be as old as its sampling period.
+//! - A message answers a Publish request. The values were valid after the gateway had sent this request, so
+//!   their age counts from the time of sending. If the server has nothing more to send, a value that is
+//!   missing in the message has not changed.
+//! - If the age counts from the source time stamps, the server also sends a value if only its time stamp is
+//!   new. Otherwise the server sends only changed values, and an unchanged value was last sampled up to one
+//!   sampling period ago. The gateway adds this period to the age.
 //! - After a missing message, or if the server ends the subscription, its values are discarded. The line then reads the
 //!   nodes, and subscribes to them again.
 
@@ -119,8 +121,8 @@ impl Revised {
         })
     }
 
-    /// Returns the greatest age that a value can reach in normal operation. This age includes the sampling period, the
-    /// sending, and two polling periods.
+    /// Returns the greatest age that a value can reach in normal operation. This age is the sum of the
+    /// sampling period, the longest time between two messages, and two polling periods.
     pub(super) fn oldest(&self, asked: &Subscription) -> Duration {
         let sent = if asked.by_stamp { self.interval } else { self.alive };
         self.sampling + sent + asked.every * 2
@@ -273,8 +275,9 @@ fn is_of_the_subscription(status: StatusCode) -> bool {
     )
 }
 
-/// Returns the request to monitor one node. The server keeps only the newest value in its queue. `place` is the index
-/// of the node, by which the messages of the server identify it.
+/// Returns the request to monitor one node. The server keeps only the newest value in its queue. `place` is
+/// the index of the node, by which the messages of the server identify the node. Returns `None` if the index
+/// does not fit into 32 bits.
 fn item(node: NodeId, place: usize, asked: &Subscription) -> Option<MonitoredItemCreateRequest> {
     let trigger =
         if asked.by_stamp { DataChangeTrigger::StatusValueTimestamp } else { DataChangeTrigger::StatusValue };

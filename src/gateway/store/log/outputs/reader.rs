@@ -1,4 +1,5 @@
-//! Reader of the output log.
+//! Reader of the output log. The output log has one row for each input of an output controller, with the
+//! resulting action.
 
 use std::fmt::Display;
 use std::io::Read;
@@ -47,7 +48,8 @@ pub enum Entry {
     /// Settings and state from which the controller of an output set, of a corrected position (position plus Cz), or of
     /// a heartbeat continues.
     Resumes(Box<ControllerSnapshot>),
-    /// Turn of a controller of one of these kinds: one call by the line task.
+    /// Turn (one call by the line task) of the controller of an output set, of a corrected position, or of a
+    /// heartbeat.
     Turn {
         /// Number of times that the previous turn (call of the controller) was repeated.
         repetitions: u64,

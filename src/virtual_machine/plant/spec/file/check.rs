@@ -2,7 +2,7 @@
 
 use crate::virtual_machine::plant::structure::Point;
 
-/// Name that stands for the air in links, sensors and displacements.
+/// Name of the air in links, sensors and displacements.
 pub(super) const AMBIENT: &str = "ambient";
 
 /// Names of all points that have a temperature, and the errors found so far.

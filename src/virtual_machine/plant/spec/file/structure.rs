@@ -17,7 +17,8 @@ pub(super) struct StructureFile {
     initial: f64,
     /// Name of the position signal that selects the point of the guideway.
     position: String,
-    /// Axes that follow the guideway: for each, the direction of the guideway's displacement that is its error.
+    /// Axes that follow the guideway. For each axis, the direction in which a displacement of the guideway is
+    /// the error of the axis.
     pub(super) axes: BTreeMap<String, Direction>,
     /// For each sink: name of the node, or the air, that determines its temperature.
     sinks: BTreeMap<String, String>,

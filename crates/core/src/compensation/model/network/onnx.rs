@@ -1,8 +1,10 @@
-//! Neural network or linear model in an ONNX file, computed by the library rten. Its input is one tensor: one row with
-//! one number for each input. An input tensor of one number for each input is also accepted. The output is one number.
+//! Neural network or linear model in an ONNX file, computed by the library rten. The file has one input
+//! tensor: one row with one number for each input of the model. A file with a separate input tensor of one
+//! number for each input is also accepted. The output is one number.
 //!
-//! The graph computes in single precision, even if the file demands another one. It uses one thread, so that the same
-//! inputs give the same bits. The runtime allocates a few small tensors at each computation.
+//! The graph computes in single precision, even if the file demands another precision. One thread computes
+//! the graph, so that the same inputs give the same bits. The runtime allocates a few small tensors at each
+//! computation.
 
 use std::hash::{DefaultHasher, Hash, Hasher};
 use std::sync::Arc;
@@ -114,8 +116,8 @@ impl Onnx {
         }
     }
 
-    /// Returns the names of the input tensors, if the file has one input tensor of one number for each input of the
-    /// model. Empty if the file has a single input tensor for all inputs.
+    /// Returns the names of the input tensors, if the file has a separate input tensor of one number for each
+    /// input of the model. Empty if the file has a single input tensor for all inputs.
     pub fn columns(&self) -> &[String] {
         &self.columns
     }

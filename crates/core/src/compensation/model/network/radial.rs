@@ -27,8 +27,8 @@ impl Radial {
     /// the sum y into Cz = mean + scale · y.
     ///
     /// # Errors
-    /// Returns a message if there are no nodes, if a centre has another number of inputs, or if a number is not finite.
-    /// Widths must be above zero.
+    /// Returns a message if there are no nodes, a centre has another number of inputs, a width is not above
+    /// zero, or a number is not finite.
     pub fn new(scaling: Scaling, nodes: Vec<Node>, bias: f64, output: (f64, f64)) -> Result<Radial, String> {
         if nodes.is_empty() {
             return Err("the network has no nodes".to_owned());

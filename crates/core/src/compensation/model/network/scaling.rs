@@ -14,8 +14,8 @@ impl Scaling {
     /// Creates a scaling from the means and the scales of the inputs, in their order.
     ///
     /// # Errors
-    /// Returns a message if the numbers of means and scales differ, are zero or are too large. Also if a scale is zero,
-    /// or a number is not finite.
+    /// Returns a message if there are no means, more than [`WIDEST`] means, or another number of scales than
+    /// means. Also if a scale is zero, or a number is not finite.
     pub fn new(mean: &[f64], scale: &[f64]) -> Result<Scaling, String> {
         if mean.len() != scale.len() || mean.is_empty() || mean.len() > WIDEST {
             return Err(format!(

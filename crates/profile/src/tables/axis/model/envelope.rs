@@ -139,7 +139,7 @@ pub(super) fn resolve(
     Some(Some(envelope?.of_halves(apart?.unwrap_or_default())))
 }
 
-/// Describes the envelope of a model, and what the gateway does outside of it.
+/// Describes the envelope of a model, and the gateway's action outside of the envelope.
 pub(super) fn preview(signals: &[Signal], envelope: &Envelope) -> String {
     let range = |known: &Identified| {
         let signal = &signals[known.input.signal.0];

@@ -15,7 +15,7 @@ pub(super) struct KindOfModel {
     /// Keys that models of this kind may have, in addition to the keys that every model may have.
     pub(super) keys: &'static [&'static str],
     pub(super) resolve: fn(&RawModel, &KeyContext<'_>) -> Option<Kind>,
-    /// Preview of a model. `None` for a model of another kind.
+    /// Returns the calculation of a model as text for the preview. `None` for a model of another kind.
     pub(super) preview: fn(&[Signal], &Kind) -> Option<Computation>,
     /// Returns the positions at which the output of `isotherm check` evaluates the model. `None` if the model does not
     /// depend on a position, or is not of this kind.

@@ -129,7 +129,8 @@ fn places(kind: &Kind) -> Option<Places> {
     Some((matrix.position(), vec![matrix.ends().0.get(), matrix.ends().1.get()]))
 }
 
-/// Preview of the calculation, with the effect of each block's temperature in the middle of the guideway.
+/// Returns the calculation as text for the preview, with the effect of each block's temperature in the middle
+/// of the guideway. `None` for another kind of model.
 fn preview(signals: &[Signal], kind: &Kind) -> Option<Computation> {
     let Kind::Matrix(matrix) = kind else { return None };
     let position = &signals[matrix.position().0].name;

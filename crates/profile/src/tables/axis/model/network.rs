@@ -239,8 +239,9 @@ fn has_extension(name: &str, wanted: &str) -> bool {
     std::path::Path::new(name).extension().is_some_and(|extension| extension.eq_ignore_ascii_case(wanted))
 }
 
-/// Preview of the calculation, with the effect of each signal. Every signal is assumed to be in the middle of its
-/// range. A rise from a captured reference is assumed to be zero.
+/// Returns the calculation as text for the preview, with the effect of each signal. Every signal is assumed
+/// to be in the middle of its range. A rise from a captured reference is assumed to be zero. `None` for
+/// another kind of model.
 fn preview(signals: &[Signal], kind: &Kind) -> Option<Computation> {
     let Kind::Network(network) = kind else { return None };
     let reads = network.reads();

@@ -1,4 +1,5 @@
-//! Encodes parts of an ONNX file by the numbers of `onnx.proto`: nodes, tensors, and the declaration of an input.
+//! Encodes parts of an ONNX file with the field numbers of `onnx.proto`: nodes, tensors, and the declaration
+//! of an input.
 
 /// Writes a field that contains bytes: a text or a nested message.
 pub(super) fn put_bytes(message: &mut Vec<u8>, field: u64, bytes: &[u8]) {

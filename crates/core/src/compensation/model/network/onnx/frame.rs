@@ -1,4 +1,5 @@
-//! Check whether an ONNX file is complete, and its nested messages fit into each other.
+//! Check that an ONNX file is complete: the length of each nested message agrees with the message that
+//! contains it.
 //!
 //! The ONNX runtime accepts a truncated file as complete. It also allocates as many bytes as a damaged length demands.
 //! Therefore each length is checked before the runtime reads the file.
@@ -39,7 +40,8 @@ impl Message {
     }
 }
 
-/// Maximum nesting of messages. Graphs contain graphs only for branches and loops, which no network here has.
+/// Maximum nesting of messages. A graph contains other graphs only for branches and loops, which are not
+/// supported.
 const DEEPEST: u32 = 16;
 
 /// Returns whether the file is complete: the fields of each message fill it to its last byte. A graph and a version of
@@ -124,8 +126,8 @@ pub(super) fn text(bytes: &[u8]) -> &str {
     std::str::from_utf8(bytes).unwrap_or_default()
 }
 
-/// Returns the content whose length the first bytes give, and the bytes after the content; `None` if there are too few
-/// bytes.
+/// Reads a length at the beginning of the bytes. Returns the content of this length, and the bytes after the
+/// content; `None` if there are too few bytes.
 fn inside(bytes: &[u8]) -> Option<(&[u8], &[u8])> {
     let (length, rest) = varint(bytes)?;
     rest.split_at_checked(usize::try_from(length).ok()?)

@@ -45,7 +45,7 @@ impl Replacement {
     }
 }
 
-/// Rewrites the file. Its messages must fit into each other ([`super::frame::is_whole`]).
+/// Rewrites the file. The file must be complete ([`super::frame::is_whole`]).
 ///
 /// # Errors
 /// Returns a message if an operator has no equivalent of standard operators, or if numbers of a tensor are missing.
@@ -341,8 +341,8 @@ fn array_feature_extractor(node: &Node<'_>) -> Result<Replacement, String> {
     })
 }
 
-/// Imputer of missing values (NaN): the result is the input, because the gateway never passes a missing value to a
-/// model.
+/// Replaces an Imputer of missing values (NaN) by Identity, because the gateway never passes a missing value
+/// to a model. Rejects an Imputer that replaces another number.
 fn imputer(node: &Node<'_>) -> Result<Replacement, String> {
     if node.float("replaced_value_float").is_some_and(f32::is_nan) {
         let input = node.input(0)?;

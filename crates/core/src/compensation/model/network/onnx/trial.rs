@@ -2,8 +2,9 @@
 //! memory and time. For example, a row and a column of ten thousand numbers are added, or a tensor is concatenated with
 //! itself forty times.
 //!
-//! Before a node is computed, the size of its result is calculated from the shapes of its inputs, which are known by
-//! then. Later computations have the same shapes, because no shape may depend on the values of the inputs.
+//! Before a node is computed, the size of its result is calculated from the shapes of its inputs, which are
+//! known at that time. Later computations have the same shapes, because no shape may depend on the values of
+//! the inputs.
 
 use std::collections::{BTreeSet, HashMap, HashSet};
 
