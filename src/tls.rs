@@ -9,32 +9,33 @@ use tokio_rustls::rustls::{AlertDescription, CertificateError, Error};
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, thiserror::Error)]
 pub enum TlsFault {
     /// The certificate of the other end has expired.
-    #[error("the certificate of the other end has expired, or this computer's clock is wrong")]
+    #[error("the certificate of the server has expired, or this computer's clock is wrong")]
     Expired,
     /// The certificate of the other end is not valid yet.
-    #[error("the certificate of the other end is not valid yet, or this computer's clock is wrong")]
+    #[error("the certificate of the server is not valid yet, or this computer's clock is wrong")]
     NotYetValid,
     /// The certificate of the other end is for another name.
-    #[error("the certificate of the other end is for another name")]
+    #[error("the certificate of the server is for another name")]
     OtherName,
     /// No trusted authority has signed the certificate of the other end.
-    #[error("no trusted authority has signed the certificate of the other end")]
+    #[error("no trusted authority has signed the certificate of the server")]
     UnknownAuthority,
     /// The certificate of the other end is invalid for another reason.
-    #[error("the certificate of the other end cannot be used as a server certificate")]
+    #[error("the certificate of the server cannot be used as a server certificate")]
     BadCertificate,
     /// The other end requires a certificate of the gateway, but received none.
-    #[error("the other end requires a certificate of the gateway")]
+    #[error("the server requires a certificate of the gateway")]
     OursMissing,
     /// The gateway's certificate has expired.
-    #[error("the other end reports that the gateway's certificate has expired")]
+    #[error("the server reports that the gateway's certificate has expired")]
     OursExpired,
     /// The other end rejects the gateway's certificate.
-    #[error("the other end rejects the gateway's certificate")]
+    #[error("the server rejects the gateway's certificate")]
     OursRefused,
     /// The two ends have no TLS version, cipher or signature in common.
     #[error(
-        "the two ends have no TLS version or cipher in common: the gateway supports TLS 1.2 with ECDHE, and TLS 1.3"
+        "gateway and server have no TLS version or cipher in common: the gateway supports TLS 1.2 with \
+         ECDHE, and TLS 1.3"
     )]
     NothingInCommon,
     /// The other end does not support TLS.
@@ -47,7 +48,7 @@ pub enum TlsFault {
     #[error("the connection was closed before the first answer")]
     TurnedAway,
     /// The other end ended the handshake for a reason that none of the other causes describes.
-    #[error("the other end has ended the TLS handshake")]
+    #[error("the server has ended the TLS handshake")]
     Refused,
     /// The gateway's own TLS files, whose paths are in the profile, are unusable.
     #[error("the files in `tls` cannot be used")]
@@ -121,7 +122,7 @@ mod tests {
     fn what_the_library_says_is_judged_and_put_into_words() {
         let told = |error: Error| TlsFault::of(&io::Error::new(ErrorKind::InvalidData, error));
         for (error, words) in [
-            (Error::InvalidCertificate(CertificateError::Expired), "of the other end has expired"),
+            (Error::InvalidCertificate(CertificateError::Expired), "of the server has expired"),
             (Error::InvalidCertificate(CertificateError::NotValidYet), "is not valid yet"),
             (Error::InvalidCertificate(CertificateError::NotValidForName), "is for another name"),
             (Error::InvalidCertificate(CertificateError::UnknownIssuer), "no trusted authority"),

@@ -139,7 +139,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         servers.iter().try_for_each(|looked| say!("{}", looked.line()))?;
         for merged_reads::MergedReadTest { device, read, fault, quirks } in &merged {
             say!("  device {device}: {read}: {fault}")?;
-            say!("    the device answers reads of all its values with {quirks}")?;
+            say!("    write {quirks} at the device: all its values can then be read")?;
         }
         moved.iter().try_for_each(|moved| say!("  warning: {moved}"))?;
         let mut hints = Hints::default();

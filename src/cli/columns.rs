@@ -46,9 +46,10 @@ mod tests {
             String::from_utf8(text).unwrap()
         };
         assert_eq!(text(&table), "");
-        let why = "day.csv, line 2: `A` is no number".to_owned();
+        let why = "day.csv, line 2: `A` is not a number".to_owned();
         table.not_used.push(UnusedColumn { name: "part".to_owned(), why });
-        let expected = "\ncolumns used: bed\ncolumns not used:\n  part  day.csv, line 2: `A` is no number\n";
+        let expected =
+            "\ncolumns used: bed\ncolumns not used:\n  part  day.csv, line 2: `A` is not a number\n";
         assert_eq!(text(&table), expected);
     }
 }

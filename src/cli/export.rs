@@ -93,7 +93,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     })?;
     let place = |kind: &str| {
         let place = arguments.parquet.join(kind);
-        make_directory(&place).with_context(|| format!("{} cannot be made", place.display()))?;
+        make_directory(&place).with_context(|| format!("{} cannot be created", place.display()))?;
         anyhow::Ok(place)
     };
     let decided = decided(&directory, machine, &place("decisions")?)?;

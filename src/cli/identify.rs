@@ -288,7 +288,7 @@ fn find(
 /// Writes a file for each of these runs into the directory, which is created if it does not exist.
 fn write_mended(directory: &Path, runs: &[(String, String)], beside: &mut ExtraFiles) {
     if runs.is_empty() {
-        beside.say("no sensor was mended, so no file is written".to_owned());
+        beside.say("no sensor reading was repaired, so no file is written".to_owned());
         return;
     }
     // If the directory cannot be created, writing each file fails and is reported.
@@ -296,7 +296,7 @@ fn write_mended(directory: &Path, runs: &[(String, String)], beside: &mut ExtraF
     for (run, text) in runs {
         // The name of a run may contain any characters, because it can come from a directory or a column.
         let name = run.replace(['/', '\\'], "-");
-        beside.write("what was mended", &directory.join(format!("{name}.mended.csv")), text);
+        beside.write("the repaired log", &directory.join(format!("{name}.mended.csv")), text);
     }
 }
 
@@ -309,7 +309,7 @@ fn write(arguments: &Arguments, found: &Identified, path: &Path, beside: &mut Ex
     written
         .files
         .iter()
-        .for_each(|(name, text)| beside.write("a file of it", &path.with_file_name(name), text));
+        .for_each(|(name, text)| beside.write("a file of the model", &path.with_file_name(name), text));
     if !arguments.force {
         dropped.into_iter().for_each(|line| beside.say(line));
     }

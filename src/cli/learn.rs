@@ -124,7 +124,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     };
     anyhow::ensure!(
         result.proposed || arguments.force,
-        "{} is not written: the candidate is not better than the model in use. --force writes it in spite of this",
+        "{} is not written: the candidate is not better than the model in use. --force writes it anyway",
         path.display()
     );
     std::fs::write(path, block).with_context(|| format!("{} cannot be written", path.display()))
@@ -273,7 +273,7 @@ fn named(arguments: &Arguments, profile: &Profile, choice: &Choice) -> anyhow::R
 fn nothing_found((directory, machine): (&Path, &str), axis: &str, days: usize) -> String {
     match days {
         0 => format!(
-            "there is no log of {machine} in {}. --state names the state directory of the gateway",
+            "there is no log of {machine} in {}. Give the state directory of the gateway with --state",
             directory.display()
         ),
         days => format!(

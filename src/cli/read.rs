@@ -50,7 +50,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         return nodes::run(&arguments.target, &arguments.nodes, arguments.json);
     }
     if arguments.target.is_at_a_server() {
-        return Err(wrong_arguments("an OPC UA server has nodes: add --browse"));
+        return Err(wrong_arguments("an OPC UA server has nodes, not registers: add --browse"));
     }
     let Some(profile) = arguments.target.load(arguments.json)? else {
         return Err(wrong_arguments(

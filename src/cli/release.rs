@@ -106,9 +106,9 @@ fn nothing_left(output: &str, is_present: bool, left: &[Value]) -> String {
     };
     match is_present {
         true => format!(
-            "the running gateway writes to output {output} as its profile says, and no other register has an \
-             offset of this output. To release the register, first move or remove the output in the profile, \
-             and run `isotherm restart --keep`; {others}"
+            "the running gateway writes to output {output}, and no other register has an offset of this \
+             output. To release its register, first move or remove the output in the profile, and run \
+             `isotherm restart --keep`; {others}"
         ),
         false => format!(
             "no register of an output {} that was moved or removed holds a value of the gateway; {others}",
@@ -124,7 +124,7 @@ fn not_released(status: &Value, output: &str) -> Option<String> {
     let left = left.find(|one| one["output"] == output && one["state"] == "left")?;
     let holds = || match left["found_um"].as_f64() {
         Some(um) => format!(
-            "{} holds {um:.1} µm: compare it at the control, and release it again",
+            "{} holds {um:.1} µm: compare this value with the control, and release the register again",
             word(&left["register"])
         ),
         None => format!("`isotherm events` shows what happened to {}", word(&left["register"])),

@@ -103,11 +103,11 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         bytes,
     }));
     let shown = arguments.to.display();
-    std::fs::create_dir_all(&arguments.to).with_context(|| format!("{shown} cannot be made"))?;
-    make_directory(&directory).with_context(|| format!("{} cannot be made", directory.display()))?;
+    std::fs::create_dir_all(&arguments.to).with_context(|| format!("{shown} cannot be created"))?;
+    make_directory(&directory).with_context(|| format!("{} cannot be created", directory.display()))?;
     if learned > 0 {
         let place = directory.join(&learned_in);
-        make_below(&directory, &place).with_context(|| format!("{} cannot be made", place.display()))?;
+        make_below(&directory, &place).with_context(|| format!("{} cannot be created", place.display()))?;
     }
     for file in &planned {
         put(file).with_context(|| format!("{} cannot be written", file.path.display()))?;
@@ -138,7 +138,7 @@ fn secrets_of_root(written: &[Planned]) -> impl Iterator<Item = &Path> {
 fn read(bytes: &[u8]) -> anyhow::Result<(Manifest, Vec<Vec<u8>>)> {
     let mut archive = tar::Archive::new(bytes);
     // With `raw`, entries that only describe the next one (a long name, a size, holes) stay visible, and are rejected.
-    let mut entries = archive.entries().context("this is no backup")?.raw(true);
+    let mut entries = archive.entries().context("this file is not a backup")?.raw(true);
     let first = entries.next().context("the file is empty")?;
     let text = plain(first, MANIFEST, LARGEST_MANIFEST).context("this file is not a backup of isotherm")?;
     let manifest: Manifest = serde_json::from_slice(&text).map_err(|error| {

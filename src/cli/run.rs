@@ -337,7 +337,7 @@ fn state_directory(option: Option<&Path>, profile: &Profile) -> anyhow::Result<P
     let directory = state_path(option, profile);
     make_directory(&directory).with_context(|| {
         format!(
-            "the state directory {} cannot be made; give another directory with --state",
+            "the state directory {} cannot be created; give another directory with --state",
             directory.display()
         )
     })?;

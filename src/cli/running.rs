@@ -44,7 +44,8 @@ pub(super) fn other_directory(state: Option<&Path>, profile: &Profile) -> Option
     let mut others = beside.into_iter().chain(usual).chain(running);
     let other = others.find(|directory| is_of_machine(directory))?;
     Some(format!(
-        "--state {} is {}, which has no state of {machine}. {} has one: was that directory meant?",
+        "--state {} is {}, which has no state of {machine}. {} has one: if you mean that directory, \
+         give its absolute path",
         named.display(),
         here.display(),
         other.display()

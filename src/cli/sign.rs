@@ -60,17 +60,17 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         );
         if answer.is_none() {
             say_beside!("Enter moves the offset to zero, Ctrl-C ends the check.");
-            anyhow::ensure!(typed()?.is_some(), "no answer; nothing was moved (--answer is for scripts)");
+            anyhow::ensure!(typed()?.is_some(), "no answer; nothing was moved. In scripts, use --answer");
         }
         return_to_zero(&socket, named, &profile)?;
     }
     if answer.is_none() {
         say_beside!(
-            "Put a dial gauge between tool and work, along {named}, and set it to zero (or look at the \
-             readout). Keep everyone away from the moving parts. Enter moves the offset by +5 µm, Ctrl-C \
-             ends the check."
+            "Put a dial gauge between tool and work, along {named}, and set it to zero (or note the \
+             position on the readout). Keep everyone away from the moving parts. Enter moves the offset by \
+             +5 µm, Ctrl-C ends the check."
         );
-        anyhow::ensure!(typed()?.is_some(), "no answer; nothing was moved (--answer is for scripts)");
+        anyhow::ensure!(typed()?.is_some(), "no answer; nothing was moved. In scripts, use --answer");
     }
     let (there, _while_it_is_there) = control::sign(&socket, axis, |said| say_beside!("{said}"))?;
     say_beside!("{there}");

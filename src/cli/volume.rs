@@ -22,7 +22,7 @@ fn lost_with(mounts: &str, directory: &Path) -> Option<&'static str> {
     let is_number = |part: &str| part.len() == 64 && part.bytes().all(|byte| byte.is_ascii_hexdigit());
     match parts.iter().position(|part| is_number(part)) {
         Some(place) if place > 0 && parts[place - 1] == "volumes" => {
-            Some("a volume without a name, which the next container does not get")
+            Some("an anonymous volume, which the next container does not use")
         }
         Some(_) => Some(LAYER),
         None if parts.iter().any(|part| part.starts_with("io.containerd.snapshotter")) => Some(LAYER),
@@ -65,8 +65,8 @@ mod tests {
         };
         for (mounts, lost) in [
             (layer.clone(), Some("layer")),
-            (at(&format!("/var/lib/docker/volumes/{number}/_data")), Some("without a name")),
-            (at(&format!("/volumes/{number}/_data")), Some("without a name")),
+            (at(&format!("/var/lib/docker/volumes/{number}/_data")), Some("anonymous volume")),
+            (at(&format!("/volumes/{number}/_data")), Some("anonymous volume")),
             (at("/var/lib/docker/volumes/isotherm_state/_data"), None),
             (at("/var/lib/containers/storage/volumes/state/_data"), None),
             (at("/srv/isotherm"), None),

@@ -39,7 +39,7 @@ pub enum Fault {
         place: u16,
     },
     /// A read request for several OPC UA nodes got no valid value for one of the nodes.
-    #[error("node {place} of the nodes in one read request: {fault}", fault = Fault::of_a_node(*.reason))]
+    #[error("node {place} of the request: {fault}", fault = Fault::of_a_node(*.reason))]
     Unreadable {
         /// Reason why the value is not valid.
         reason: Reason,
@@ -65,12 +65,10 @@ pub enum CallerFault {
     Incomplete,
     /// An answer to an earlier request may still arrive. The gateway could mistake that earlier answer for the answer
     /// to this request.
-    #[error(
-        "waits: the answer to an earlier request may still arrive, and would look like the answer to this request"
-    )]
+    #[error("request not sent: it could receive the late answer to an earlier request")]
     Owed,
     /// The values from which the request was calculated became too old before it was sent.
-    #[error("too late: the values on which the request depends are too old")]
+    #[error("request not sent: the values for it have become too old")]
     TooLate,
     /// The server accepts only this number of nodes in one call. The request has more nodes, which must be written
     /// together.
@@ -118,7 +116,7 @@ pub enum LinkFault {
     #[error("the connection was closed before the first answer")]
     TurnedAway,
     /// The other end closes each connection soon after it was opened.
-    #[error("the other end closes the connection again and again")]
+    #[error("the device repeatedly closes the connection")]
     Contested,
     /// The TLS handshake failed.
     #[error("{0}")]
@@ -135,7 +133,7 @@ pub enum LinkFault {
     Down,
     /// The request was not sent. The connection was lost, so another device may answer; the checks of the device must
     /// pass first.
-    #[error("waits for the checks of the device: the connection was lost, and another device may answer")]
+    #[error("request not sent: after a lost connection, the checks of the device must pass first")]
     Unverified,
 }
 
@@ -146,7 +144,7 @@ pub enum CanFault {
     #[error("no such interface")]
     NoInterface,
     /// The interface is not a CAN interface.
-    #[error("no CAN interface")]
+    #[error("not a CAN interface")]
     NotCan,
     /// The kernel of this computer does not support CAN.
     #[error("the kernel of this computer does not support CAN")]
@@ -170,7 +168,7 @@ pub enum CanFault {
 pub enum PeerFault {
     /// Reply with the number of another transaction or unit: a late reply to an earlier request, or a reply to another
     /// master.
-    #[error("reply to another transaction, or of another unit")]
+    #[error("reply with the wrong transaction number or unit number")]
     Foreign,
     /// Reply over TCP that has the transaction number of the request, but this unit number instead of the requested
     /// one.
@@ -186,7 +184,7 @@ pub enum PeerFault {
     #[error("the reply to a write names another address or value")]
     Echo,
     /// CANopen object whose width in bytes differs from the width of its type in the profile.
-    #[error("the object has another width in bytes than its type in the profile")]
+    #[error("the length of the object does not match its type in the profile")]
     Width,
     /// OPC UA node whose type differs from its type in the profile.
     #[error("the node has another type than the profile says")]

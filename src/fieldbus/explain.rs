@@ -19,8 +19,8 @@ use crate::net::is_out_of_files;
 
 /// Remedy for an OPC UA node whose value is not a number.
 const NOT_A_NUMBER: &str = "write another node: `isotherm read --browse` shows which nodes hold a number. A date is \
-                            not a number. A text must contain nothing but a number, with a point. For an array, \
-                            write `element`";
+                            not a number. A text may contain only a number, with a decimal point. For an \
+                            array, write `element`";
 
 /// Remedy if a program has reached its limit of open files.
 const MORE_FILES: &str =
@@ -37,8 +37,8 @@ pub const fn remedy(fault: Fault) -> Option<&'static str> {
              Does another master use the only connection of the device?"
         }
         Fault::Link(LinkFault::Unresolved) => {
-            "is the host name written right, and does this computer know it (`getent hosts NAME`)? An \
-             IP address, for example 192.168.0.10, needs no host name"
+            "is the host name written right, and does this computer know it (`getent hosts NAME`)? \
+             Or write the IP address, for example 192.168.0.10"
         }
         Fault::Link(LinkFault::Unreachable) => {
             "is the address right, is the device powered and on this network, does a firewall block the \
@@ -47,7 +47,7 @@ pub const fn remedy(fault: Fault) -> Option<&'static str> {
         Fault::Link(LinkFault::NoDescriptors) => MORE_FILES,
         Fault::Link(LinkFault::Broken) => {
             "many devices accept one client at a time: is another master connected? Some devices close the \
-             connection if the unit number is not theirs"
+             connection if the unit number is wrong"
         }
         Fault::Link(LinkFault::Absent) => {
             "is the adapter plugged in? Its permanent name is below /dev/serial/by-id"
@@ -102,7 +102,7 @@ pub const fn remedy_of_a_reading(reason: Reason) -> &'static str {
         Reason::OpenCircuit => "look for a broken wire or an unplugged connector",
         Reason::ShortCircuit => "look for a short at the sensor, its cable and its plug",
         Reason::Sentinel | Reason::SensorFault | Reason::NotAvailable | Reason::FaultBit => {
-            "the device itself reports this: look at the sensor, and at the display or manual of the device"
+            "the device itself reports this: check the sensor, and see the display or manual of the device"
         }
         Reason::SwitchedOff => "switch the channel on in the device, or take the signal out of the profile",
         Reason::AboveRange | Reason::BelowRange | Reason::OutOfRange => {
@@ -192,7 +192,7 @@ pub fn explain_system(error: &Error) -> Explained {
         _ if is_out_of_files(error) => Explained::new(LinkFault::NoDescriptors.to_string(), MORE_FILES),
         ErrorKind::PermissionDenied => Explained::new(
             "this user has no permission",
-            "use another directory (`--state`), port or user, or have the owner give access",
+            "use another directory (`--state`), port or user, or ask the owner for access",
         ),
         ErrorKind::AddrInUse => Explained::new(
             "another program has this port, perhaps a gateway that is running",

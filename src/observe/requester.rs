@@ -53,7 +53,7 @@ impl Channel {
             Channel::Api => format!("by {who} over the API"),
             Channel::Broker => format!("over the broker {who}"),
             Channel::OpcUa => format!("by {who} over OPC UA"),
-            Channel::Auto => format!("by itself ({who})"),
+            Channel::Auto => format!("automatically ({who})"),
             Channel::Restart => format!("after a restart ({who})"),
         }
     }

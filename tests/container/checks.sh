@@ -70,7 +70,7 @@ start_with() {
 state_that_goes_with_the_container_is_warned_of_and_other_is_not() {
     profile parts-vmc
     local said
-    says "the writable layer of this container" "$(start_with)" && says 'a volume without a name' "$(start_with --volume /var/lib/isotherm)" || return 1
+    says "the writable layer of this container" "$(start_with)" && says 'an anonymous volume' "$(start_with --volume /var/lib/isotherm)" || return 1
     said=$(start_with --volume kept:/var/lib/isotherm)
     says 'the gateway runs' "$said" && case $said in *'the saved state in'*) fails "$said" ;; esac
 }

@@ -97,11 +97,11 @@ share = "ledger"
 "#;
 
 /// Message that the two parts of a shared register are known.
-const OPENED: &str = "are the operator offset";
+const OPENED: &str = "the operator offset is";
 /// Message of a gateway that arms.
 const ARMED: &str = "armed, starting from";
 /// Messages of a gateway that needs the operator to confirm the division, or knows of no share.
-const QUESTION: &str = "the gateway share in it is taken to be";
+const QUESTION: &str = "the gateway share in it is assumed to be";
 const FIRST: &str = "the gateway share in it is not known";
 /// Last message of a gateway whose time to stop was not enough.
 const BEFORE: &str = "isotherm: stopped before the fault actions were complete";
@@ -328,7 +328,7 @@ impl Lane {
         self.count.questions += 1;
         let mut gateway = self.run(&self.up);
         let line = gateway.hears_one_of(&[QUESTION, FIRST]);
-        let share = if line.contains(FIRST) { 0 } else { reported(&line, "taken to be ").unwrap() };
+        let share = if line.contains(FIRST) { 0 } else { reported(&line, "assumed to be ").unwrap() };
         self.operator.write(self.base + share);
         self.count_on()?;
         assert_eq!(self.share, share, "at most one step from the truth: {line}");

@@ -245,7 +245,7 @@ async fn a_span_that_is_none_is_refused_in_words() {
     let door = Door::open(None).await;
     door.keeps(Vec::new());
     for (query, word) in [
-        ("from=yesterday", "from: `yesterday` is no time"),
+        ("from=yesterday", "from: `yesterday` is not a time"),
         ("from=1h&to=2h", "ends before it begins"),
         ("columns=t9", "no column t9; the columns are z_cz_um, z_raw_um, t1"),
         ("columns=", "no column ;"),

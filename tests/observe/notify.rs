@@ -191,7 +191,7 @@ async fn a_server_whom_nobody_trusts_gets_no_message_and_it_is_said_why() {
     let (authority, other) = (Authority::new(), Authority::named("other"));
     for (signed, ca, words) in [
         (authority.signs("localhost", NOW), &other.cert, "no trusted authority has signed"),
-        (authority.signs("elsewhere", NOW), &authority.cert, "for another name: write that name into `url`"),
+        (authority.signs("elsewhere", NOW), &authority.cert, "write the name in the certificate into `url`"),
         (authority.signs("localhost", (2001, 2002)), &authority.cert, "has expired"),
     ] {
         let (address, reported) = secured(&signed).await;

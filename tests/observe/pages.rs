@@ -25,9 +25,9 @@ pub(crate) fn alarm(id: &str, level: Level, since: &str) -> Alarm {
         kind: "signal-bad".into(),
         level,
         since: since.into(),
-        text: format!("{id}: open circuit: look at the sensor"),
+        text: format!("{id}: open circuit: check the sensor"),
         cause: None,
-        hint: Some("look at the sensor".into()),
+        hint: Some("check the sensor".into()),
         acknowledged: None,
     }
 }

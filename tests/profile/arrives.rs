@@ -262,9 +262,9 @@ fn what_the_profile_allows_is_listed_first_and_says_so() {
     assert_eq!(
         reported,
         [
-            "output.cnc_z.bias = 5, which the profile does not have, from --set output.cnc_z.bias, as `allow_override` allows",
-            "output.cnc_z.read_back.register = \"input:12\", which the profile does not have, from --set \
-             output.cnc_z.read_back, as `allow_override` allows",
+            "output.cnc_z.bias = 5, from --set output.cnc_z.bias (not in the profile), as `allow_override` allows",
+            "output.cnc_z.read_back.register = \"input:12\", from --set output.cnc_z.read_back (not in the profile), \
+             as `allow_override` allows",
             "axis.z.limit = 30 instead of the profile's 40.0, from --set axis.z.limit",
         ]
     );

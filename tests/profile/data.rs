@@ -455,15 +455,15 @@ fn stand_ins_say_who_is_watched_and_for_whom_others_stand_in() {
         of(&loaded).watched().map(|(_, replaces)| replaces).collect::<Vec<_>>(),
         [Replaces::FrozenOrLost, Replaces::Nothing]
     );
-    let words = "2 sensors are checked for frozen readings; if frozen or lost, other sensors replace bed; \
-                 no other sensors replace wheelhead";
+    let words = "2 sensors are checked for frozen readings; replaced by other sensors if frozen or \
+                 lost: bed; not replaced by other sensors: wheelhead";
     assert!(reported(&loaded).contains(words), "{}", reported(&loaded));
     let one = watched(&STAND_INS.replace(", { \"signal\": \"scale_z\", \"lag_s\": 0, \"gain\": 0.001 }", ""));
     let one = of(&one);
     assert!(one.watched().all(|(_, replaces)| replaces == Replaces::Nothing), "one other is too few");
     let unfit = watched(&STAND_INS.replace("\"stands_in\": true", "\"stands_in\": false"));
     assert_eq!(of(&unfit).watched().next().unwrap().1, Replaces::Frozen);
-    let words = "if frozen, but not if lost, other sensors replace bed";
+    let words = "replaced by other sensors if frozen, but not if lost: bed";
     assert!(reported(&unfit).contains(words), "{}", reported(&unfit));
     assert_eq!(of(&loaded), of(&watched(STAND_INS)), "the same file is the same");
     let other = of(&watched(&STAND_INS.replace("0.31", "0.32")));

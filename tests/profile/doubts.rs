@@ -96,8 +96,8 @@ fn check_shows_what_each_model_asks_for_at_15_20_and_25_degrees() {
     let preview = Preview::of(&machine);
     let reported = preview.to_string();
     for words in [
-        "everything at 15, 20, 25 °C: Cz = −12, 0, +12 µm",
-        "everything at 15, 20, 25 °C: Cz = −20.16, −8.16, +3.84 µm",
+        "all temperatures at 15, 20, 25 °C: Cz = −12, 0, +12 µm",
+        "all temperatures at 15, 20, 25 °C: Cz = −20.16, −8.16, +3.84 µm",
     ] {
         assert!(reported.contains(words), "`{words}` is not in:\n{reported}");
     }

@@ -84,7 +84,10 @@ fn how_long_a_late_write_is_expected_is_explained_and_in_the_schema() {
     let machine = parse(&on(PORT, TIMEOUT)).unwrap().profile;
     let explanation = isotherm_profile::preview::Preview::of(&machine);
     let reported = explanation.to_string();
-    assert!(reported.contains("  a write without an answer may still arrive for 600ms\n"), "{reported}");
+    assert!(
+        reported.contains("  a write without an answer may still arrive up to 600ms later\n"),
+        "{reported}"
+    );
     assert_eq!(serde_json::to_value(&explanation).unwrap()["buses"][0]["late"], "600ms");
     let schema = isotherm_profile::schema();
     let described = schema["$defs"]["Bus"]["properties"]["late"]["description"].as_str().unwrap();

@@ -225,8 +225,8 @@ fn what_layers_above_the_profile_set_is_listed_with_both_values_and_where_from()
         told,
         [
             "axis.z.limit = 20.5 instead of the profile's 40.0, from --set axis.z.limit",
-            "signal.bed.max_age = \"9s\", which the profile does not have, from environment ISOTHERM__SIGNAL__BED__MAX_AGE",
-            "web.language = \"de\", which the profile does not have, from --set web.language",
+            "signal.bed.max_age = \"9s\", from environment ISOTHERM__SIGNAL__BED__MAX_AGE (not in the profile)",
+            "web.language = \"de\", from --set web.language (not in the profile)",
         ]
     );
     let preview = isotherm_profile::preview::Preview::of(&loaded.profile);

@@ -195,7 +195,7 @@ fn an_error_in_a_condition_or_a_formula_points_into_its_text() {
     refused("(b*t + c)", "(b*t + c", "axis.z.model[1].formula", "\"", &["`)` was expected"]);
     refused("(b*t + c)", "b*t", "axis.z.model[1].constants.c", "c =", &["does not use `c`"]);
     refused("A = \"bed\"", "A = \"bad\"", "axis.z.model[1].inputs.A", "\"bad\"", &["`bed`"]);
-    refused("b = 2e-5", "b = 2e-5, t = 1.0", "axis.z.model[1].constants.t", "t =", &["`t` is taken"]);
+    refused("b = 2e-5", "b = 2e-5, t = 1.0", "axis.z.model[1].constants.t", "t =", &["`t` is a reserved"]);
     refused(
         "fault_when = \"wheelhead_open == 1\"",
         "fault_when = \"wheelhead > 1\"",

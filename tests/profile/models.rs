@@ -80,7 +80,7 @@ fn a_slope_has_a_position_in_mm_a_reference_and_terms_in_um_per_mm() {
         with("kind = \"linear\"", &SLOPE.replacen(from, to, 1))
     };
     for (from, to, key, words) in [
-        ("\"scale_z\"", "\"bed\"", "slope.position", "a position is in mm"),
+        ("\"scale_z\"", "\"bed\"", "slope.position", "a position must be in mm"),
         ("\"scale_z\"", "\"scale_y\"", "slope.position", "there is no signal named `scale_y`"),
         ("reference = -50.0, ", "", "slope.reference", "missing"),
         ("[-350.0, 0.0]", "[0.0, -350.0]", "slope.travel", "smaller end first"),

@@ -52,7 +52,7 @@ fn a_probe_becomes_final_types_and_is_explained_in_words() {
     for words in [
         "probe: measured errors (actual minus commanded, with Cz active) come from probe_z, each time probed \
          changes",
-        "A positive error lowers the model's Cz by 0.5 of the error, in all by at most 10 µm",
+        "A positive error lowers the model's Cz by 0.5 of the error, in total by at most 10 µm",
         "beyond ±5 µm the gateway warns; the gains of linear models are adjusted by up to ±20.000 % each",
         "`isotherm learn` learns a model from these errors",
     ] {

@@ -170,7 +170,7 @@ fn a_gateway_is_taken_for_there_if_units_share_a_connection_unless_a_quirk_says_
     assert_eq!(behind(&none.replacen(device, "quirks = { gateway = true }", 1)), [false, false, true, false]);
     let shown =
         |text: &str| isotherm_profile::preview::Preview::of(&parse(text).unwrap().profile).to_string();
-    assert!(shown(GRINDER).contains("as behind a Modbus gateway to a serial line (`quirks.gateway`): "));
+    assert!(shown(GRINDER).contains("to be behind a Modbus gateway to a serial line (`quirks.gateway`): "));
     assert!(!shown(&none).contains("behind a Modbus gateway"));
 }
 

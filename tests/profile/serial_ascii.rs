@@ -128,7 +128,7 @@ fn a_wrong_text_is_reported_at_its_key() {
     no_text(x, "text = \"{nummer}\"", at, "\"{nummer}\"", &["`{nummer}` is unknown", "{skip 2}"]);
     no_text(x, "", at, "x]", &["which text with the value does the device send"]);
     let with_end = "text = \"X{number} mm\\r\"";
-    no_text(x, with_end, at, "\"X{number} mm\\r\"", &["without its end", "leave out \\r and \\n"]);
+    no_text(x, with_end, at, "\"X{number} mm\\r\"", &["contains a line end", "leave out \\r and \\n"]);
     no_text(x, "register = \"input:0\"", "signal.x.register", "register", &["a Modbus device"]);
     no_text(x, &format!("{x}\ntype = \"f64\""), "signal.x.type", "type", &["a decimal number"]);
     no_text(x, &format!("{x}\nrequest = \"\""), "signal.x.request", "\"\"", &["1 to 64 characters"]);

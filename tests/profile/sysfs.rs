@@ -65,7 +65,7 @@ fn check_says_which_sensor_is_read_and_where_it_is_looked_for() {
     for said in [
         "bus pc: sensors of this computer at /sys, timeout 2s",
         "only read; all sensors of a device at the same time; a sensor that does not answer is read again \
-         when the driver has returned",
+         when its kernel driver responds",
         "probes: every 5s: 1 request touching 3 sensors for 3 signals",
         "read 3 sensors at once: bed, cabinet, column",
         "bed: sensor w1:28-0316a2794f01 of probes, plus -0.25; rejected with a wrong checksum, or with all \
@@ -86,10 +86,10 @@ fn check_says_which_sensor_is_read_and_where_it_is_looked_for() {
 fn the_numbers_that_the_kernel_gives_at_each_start_are_no_names() {
     let (lm75, at) = ("hwmon:lm75@1-0048/temp1", "signal.cabinet.sensor");
     for number in ["hwmon:hwmon3/temp1", "hwmon:3/temp1", "hwmon:lm75@hwmon3/temp1"] {
-        no_pc(lm75, number, at, "\"hwmon", &["again at each start", "isotherm scan --bus /sys"]);
+        no_pc(lm75, number, at, "\"hwmon", &["is not a fixed name", "isotherm scan --bus /sys"]);
     }
     no_pc(lm75, "/sys/class/hwmon/hwmon3/temp1_input", at, "\"/sys", &["is a path", "hwmon:NAME/LABEL"]);
-    no_pc("iio:mcp9808", "iio:iio:device0", "signal.column.sensor", "\"iio", &["again at each start"]);
+    no_pc("iio:mcp9808", "iio:iio:device0", "signal.column.sensor", "\"iio", &["is not a fixed name"]);
     no_pc("w1:28-0316a2794f01", "w1:w1_bus_master1", "signal.bed.sensor", "\"w1", &["is not a ROM id"]);
 }
 

@@ -102,7 +102,7 @@ fn what_a_template_fills_in_leaves_unverified_and_checks_is_explained() {
         "template icp-das-m7019r: ICP DAS I-7019R and M-7019R, 8 thermocouples; source: ICP DAS",
         "not verified: the scale of 0.1 °C per count of the channels",
         "not checked before arming: type code: write expect = { type_code = … } at the device",
-        "before arming and every 1m coil:268 (00269) must read 1: data format: engineering units",
+        "before arming and every 1m, coil:268 (00269) must read 1: data format: engineering units",
         "bed: input:0 (30001) of module, i16, 0.1 °C per count; rejected at raw -32768 or 32767",
         "when module_range_0 != 0; channel 0 of icp-das-m7019r",
         "module_range_0: discrete:128 (10129) of module",
@@ -243,7 +243,7 @@ fn a_control_that_follows_only_so_fast_bounds_step_and_period_of_its_axis() {
     );
     assert_eq!(
         reported[1],
-        ("axis.z.every", "`cnc` can follow one update every 1s, but the axis makes one every 800ms"),
+        ("axis.z.every", "`cnc` can follow one update every 1s, but the axis is updated every 800ms"),
         "{reported:?}"
     );
 }
@@ -278,7 +278,7 @@ fn registers_of_a_device_without_a_template_are_checked_before_arming_as_well() 
     let reported = isotherm_profile::preview::Preview::of(&machine).to_string();
     assert!(
         reported
-            .contains("before arming and every 1m holding:90 (40091) must read 17: version of the ladder"),
+            .contains("before arming and every 1m, holding:90 (40091) must read 17: version of the ladder"),
         "{reported}"
     );
     let few = "unit = 4\nfunctions = [\"read-holding\", \"read-discrete\", \"read-coils\", \"write-multiple\", \"write-single\"]\n\

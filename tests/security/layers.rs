@@ -48,7 +48,7 @@ fn what_is_set_above_the_profile_is_in_the_log_in_check_in_status_and_where_the_
     let lines = [
         "axis.z.limit = 30 instead of the profile's 2000.0, from environment ISOTHERM__AXIS__Z__LIMIT",
         &moved,
-        "device.cnc.quirks.max_gap = 3, which the profile does not have, from --set device.cnc.quirks.max_gap",
+        "device.cnc.quirks.max_gap = 3, from --set device.cnc.quirks.max_gap (not in the profile)",
     ];
     let set = ["--set", "device.cnc.quirks.max_gap=3"];
     let checked =

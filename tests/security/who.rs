@@ -245,7 +245,7 @@ fn a_stolen_visit_is_no_token_and_ends_when_its_token_does() {
     until("what became of the token is in the events", || {
         let events = site.verb(&["events", "--json"]).1;
         assert!(!events.contains("another-one-from-now-on"), "{events}");
-        let words = ["token-changed", "operator's token has changed", "token-gone", "is not there: isotherm"];
+        let words = ["token-changed", "operator's token has changed", "token-gone", "does not exist: create"];
         if words.iter().all(|words| events.contains(words)) { Ok(()) } else { Err(events) }
     });
 }

@@ -152,7 +152,7 @@ fn a_refused_read_over_a_gap_leads_to_max_gap() {
     ];
     let verbs = online(home.path(), &text);
     all_say(&verbs, &words);
-    all_say(&verbs[..1], &["the device answers reads of all its values with quirks = { max_gap = 0 }"]);
+    all_say(&verbs[..1], &["write quirks = { max_gap = 0 } at the device: all its values can then be read"]);
     let several = register(home.path(), &format!("tcp://{address}"), "input:0", "5");
     all_say(
         &[several],
@@ -176,7 +176,7 @@ fn a_read_of_several_values_without_an_answer_leads_to_max_registers_per_request
     all_say(&verbs, &words);
     let found = [
         "the device answers other requests, but not this read of several values",
-        "the device answers reads of all its values with quirks = { max_registers_per_request = 2 }",
+        "write quirks = { max_registers_per_request = 2 } at the device: all its values can then be read",
     ];
     all_say(&verbs[..1], &found);
     let several = register(home.path(), &format!("tcp://{address}"), "input:0", "5");

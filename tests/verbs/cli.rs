@@ -509,7 +509,7 @@ fn check_says_what_keeps_a_profile_from_running_on_this_computer() {
     let Ended { code, said, .. } = ended(isotherm(home.path()).arg("check").arg(&profile));
     assert_eq!(code, Some(0), "{said}");
     assert!(
-        said.contains("nothing.token is not there") && said.contains("at most 107 are possible"),
+        said.contains("nothing.token does not exist") && said.contains("at most 107 are possible"),
         "{said}"
     );
     let mut run = isotherm(home.path());

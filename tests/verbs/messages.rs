@@ -58,7 +58,7 @@ fn a_profile_that_does_not_exist_is_looked_for_in_its_directory() {
         ("pres-7.toml", "did you mean `HOME/press-7.toml`?"),
         ("press-7.tml", "did you mean `HOME/press-7.toml`?"),
         ("other.toml", "`isotherm init` writes a first profile"),
-        ("etc/press-7.toml", "is the directory HOME/etc right?"),
+        ("etc/press-7.toml", "check that the directory HOME/etc exists"),
     ] {
         let Ended { code, said, .. } = check(home.path(), &home.path().join(written));
         let words = words.replace("HOME", &home.path().display().to_string());
@@ -121,7 +121,7 @@ fn status_says_that_the_profile_has_changed_since_the_start() {
         Running::start(isotherm(home.path()).arg("run").arg(&profile).arg("--state").arg(&state));
     gateway.receives("the gateway runs");
     let status = || ended(isotherm(home.path()).arg("status").arg(&profile).arg("--state").arg(&state)).out;
-    let words = "changed on disk since the start: machine.toml; `isotherm restart PROFILE --keep` uses it";
+    let words = "changed on disk since the start: machine.toml; `isotherm restart PROFILE --keep` loads the";
     let before = status();
     assert!(before.contains("clock ") && !before.contains("changed on disk"), "{before}");
     std::fs::write(&profile, format!("{text}\n# another line\n")).unwrap();

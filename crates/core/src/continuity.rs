@@ -278,7 +278,7 @@ impl fmt::Display for Break {
             Break::Start => "the gateway has just started",
             Break::Refused => "a connection was refused",
             Break::ConnectionLost => "the connection to the device was lost",
-            Break::NewConnection => "a new connection does not resume the last connection",
+            Break::NewConnection => "the connection to the device was opened again",
             Break::InterfaceDown => "the computer's interface to the bus was down",
             Break::Restarted => "the device was restarted",
             Break::MachineOn => "the machine was switched on",

@@ -19,7 +19,7 @@ const DOES_NOT_ANSWER: &str =
 const LOSES_ANSWERS: &str =
     "if this happens often, answers are lost: check the cable, the converter and the load of the device";
 /// Hint for a sensor that is bad or rejected.
-const LOOK_AT_THE_SENSOR: &str = "look at the sensor, its cable and its channel";
+const LOOK_AT_THE_SENSOR: &str = "check the sensor, its cable and its channel";
 /// Hint for an acknowledge signal of the control that is set although it must not be.
 const DROPS_ACKNOWLEDGE: &str =
     "check that the control's program drops the acknowledge signal when the strobe signal drops";
@@ -141,7 +141,7 @@ macro_rules! catalogue {
 catalogue! {
     /// The state of an axis has changed, or the cause of this state has changed.
     AxisState = warning("axis-state").or_info().raises("axis {axis}").ends(&["axis {axis}", "Cz of axis {axis}"])
-        .hint("look at the alarms of the signals, devices and outputs of the axis");
+        .hint("see the alarms of the signals, devices and outputs of the axis");
     /// An axis was switched off.
     Disarmed = warning("disarmed").hint("arm the axis when the cause is corrected");
     /// An axis is armed.
@@ -232,15 +232,17 @@ catalogue! {
         .hint("find the cause, for example a faulty sensor, then arm the axis");
     /// A value for an output exceeded the range of its register and was limited to this range.
     Saturated = warning("saturated")
-        .hint("check `scale`. If it is right, write to a wider register, or lower the limit of the axis");
+        .hint("check `scale`. If it is right, use a register with more bits, or lower the limit of the axis");
     /// A sensor of an axis's model is frozen or possibly frozen: its reading does not change. A stand-in (an estimate
     /// from other sensors) replaces the sensor if possible.
     Frozen = warning("frozen").raises("sensor of axis {axis}: {signal}")
-        .hint("look at the sensor, its cable and its channel; when the sensor works again, the axis uses its reading without a command");
+        .hint("check the sensor, its cable and its channel; when the sensor works again, the axis uses it \
+               automatically");
     /// A sensor of an axis's model is lost. A stand-in (an estimate from other sensors) replaces the sensor if
     /// possible.
     StoodIn = warning("stood-in").raises("sensor of axis {axis}: {signal}")
-        .hint("look at the sensor, its cable and its channel; when the sensor works again, the axis uses its reading without a command");
+        .hint("check the sensor, its cable and its channel; when the sensor works again, the axis uses it \
+               automatically");
     /// A stand-in (value estimated from other sensors) no longer replaces a sensor: the sensor is accepted again, or
     /// the stand-in cannot be used.
     StandInOver = info("stand-in-over").ends(&["sensor of axis {axis}: {signal}"]);
@@ -302,11 +304,12 @@ catalogue! {
     /// The gateway cannot tell which part of a shared register's value it has added (gateway share). The operator must
     /// confirm the share.
     LedgerDoubt = error("ledger-doubt").raises("ledger of {output}")
-        .hint("set the register to your own offset, then arm the axis");
+        .hint("set the register to the operator offset, then arm the axis");
     /// A register to be shared has an unknown value that is not zero. The operator must confirm that the value is an
     /// operator offset.
     FirstAccount = warning("first-account").raises("ledger of {output}")
-        .hint("if the whole value is your own offset, arm the axis; if not, first set the register to your own offset");
+        .hint("if the whole value is the operator offset, arm the axis; if not, first set the register to \
+               the operator offset");
     /// The gateway has recorded the two parts of the value in a shared register: operator offset and gateway share.
     LedgerOpened = info("ledger-opened").ends(&["ledger of {output}"]);
     /// The operator has changed the operator offset in a shared register.
@@ -357,7 +360,7 @@ catalogue! {
     /// The device of a signal has changed the scale of the value, which the gateway reads from another register. The
     /// signal is bad until its value is plausible with the new scale.
     ScaleChanged = warning("scale-changed")
-        .hint("if the resolution or the decimal point of the device was not set, check `scale_from` or \
+        .hint("if nobody changed the resolution or the decimal point of the device, check `scale_from` or \
                `decimals_from`, and the device");
     /// The machine was started. Its running time is counted from this moment.
     MachineStarted = info("machine-started");
@@ -365,7 +368,9 @@ catalogue! {
     Zeroed = info("zeroed");
     /// A bus has more exchanges than it can carry: an exchange was late. The event is reported again only after the bus
     /// was fast enough in between.
-    Overrun = warning("overrun").hint("`isotherm check` shows the load of each bus");
+    Overrun = warning("overrun")
+        .hint("use a longer `every`, fewer registers or a faster line; `isotherm check` shows the load of \
+               each bus");
     /// A device does not support two requests at a time. The gateway now sends requests to the device one by one.
     PipelineGivenUp = warning("pipeline-given-up").hint("remove `pipeline` from the profile");
     /// The Modbus gateway of a bus waits for a silent device for longer than `timeout`. Meanwhile it forwards no
@@ -379,8 +384,8 @@ catalogue! {
         .hint("set the server to send values as often as `every` demands, or write a longer `every`");
     /// The gateway did not run for some time: the computer was stopped, suspended or overloaded.
     StoodStill = warning("stood-still")
-        .hint("check whether another program uses the computer, and switch automatic suspend off. A gateway needs a \
-               computer of its own");
+        .hint("check whether another program overloads the computer, and switch automatic suspend off. Use a \
+               dedicated computer for the gateway");
     /// The gateway has started.
     Started = info("started");
     /// The gateway was asked to stop. It runs the fault actions, or keeps the register values.

@@ -26,7 +26,7 @@ pub fn page(title: &str, made: Moment, source: &str, content: &Markup) -> String
                 h1 { (title) }
                 (content)
                 footer {
-                    p { "Made by isotherm " (env!("CARGO_PKG_VERSION")) " on " (date(made)) ". Every figure comes from " (source) "." }
+                    p { "Made by isotherm " (env!("CARGO_PKG_VERSION")) " on " (date(made)) ". All values come from " (source) "." }
                     p { "Compensation is not a safety function: guards, stops and travel limits never depend on it." }
                 }
             }

@@ -95,15 +95,15 @@ fn acting(
     };
     if let Some(slope) = moved("_slope_um").into_iter().find(is_logged) {
         return refused(format!(
-            "{} changed, and the control applied a slope. The part of {error} that this slope causes depends \
-             on the position of the axis. Leave these logs out, or add --cz none if {error} contains no Cz",
+            "{} changed: the control applied a slope, so the Cz in {error} depends on the position of the \
+             axis. Leave these logs out, or add --cz none if {error} contains no Cz",
             names(&[slope])
         ));
     }
     let (logged, foreign): (Vec<usize>, Vec<usize>) = moved("_cz_um").into_iter().partition(is_logged);
     if let Some(first) = foreign.first() {
         return refused(format!(
-            "{} changed, but this log does not have the form of a gateway log: it is not known whether \
+            "{} changed, but this log does not have the columns of a gateway log: it is not known whether \
              {error} contains this Cz. Add --cz {} if it does, otherwise --cz none",
             names(&foreign),
             names(&[*first])
@@ -121,8 +121,8 @@ fn acting(
             ))
         }
         (several, _) => refused(format!(
-            "{} changed. It is not known which of these columns of Cz was active while {error} was measured. \
-             Add --cz with the name of this column, or --cz none if none of them was active",
+            "{} changed. It is not known which of these columns contains the Cz that was active while \
+             {error} was measured. Add --cz with the name of this column, or --cz none if no Cz was active",
             names(several)
         )),
     }

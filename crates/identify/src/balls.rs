@@ -122,7 +122,7 @@ fn direction(cold: &[Touch]) -> Result<(usize, f64), BadLog> {
     if length < SHORTEST {
         return Err(one(&format!(
             "the balls of the first round are within {length:.3} mm of each other. A ball array has at least \
-             two balls, some cm apart, each with its number in `ball`"
+             two balls, several cm apart, each with its own number in the column `ball`"
         )));
     }
     if across > SKEWED * length {

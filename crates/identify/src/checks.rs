@@ -102,8 +102,10 @@ pub(super) fn check_error(dataset: &Dataset, error: usize, wrong: &mut Vec<Strin
     let name = &dataset.columns[error].name;
     let rows = |run: &Run| run.values[error].iter().filter(|value| value.is_finite()).count();
     for run in dataset.runs.iter().filter(|run| rows(run) == 0) {
-        wrong
-            .push(format!("{} has no number under {name}: leave that log out, or fill the column", run.name));
+        wrong.push(format!(
+            "{} has no number in the column {name}: leave that log out, or fill in the column",
+            run.name
+        ));
     }
     let ranges: Vec<f64> = dataset.runs.iter().map(|run| run.range(error)).collect();
     let widest = ranges.iter().copied().fold(0.0, f64::max);

@@ -108,8 +108,8 @@ pub struct Temperature {
 }
 
 /// Calculates the drift of every run. `displacements` contains the names of the columns; if it is empty, all columns in
-/// µm are used. `test` is the test of the standard; if it is `None`, the movements in the log decide. `units` returns
-/// the unit of a column in the profile.
+/// µm are used. `test` is the test of ISO 230-3; if it is `None`, the movements in the log show which test was made.
+/// `units` returns the unit of a column in the profile.
 ///
 /// # Errors
 /// A displacement column is missing or has no values, a run has no duration, or the unit of its times is probably
@@ -134,8 +134,8 @@ pub fn drift(
     let columns: Vec<usize> = (0..dataset.columns.len()).filter(is_asked).collect();
     if columns.is_empty() && wrong.is_empty() {
         wrong.push(format!(
-            "no column is a displacement. Let the name of a column in µm end with `_um`, and the name of a \
-             column in mm with `_um [mm]`. Or write the name of a column in µm after --displacement. The \
+            "no column is a displacement. Add the ending `_um` to the name of a column in µm, or `_um [mm]` \
+             to that of a column in mm. Or write the name of a column in µm after --displacement. The \
              columns are {all}"
         ));
     }

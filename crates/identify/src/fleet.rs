@@ -220,8 +220,8 @@ impl RunProducts {
         }
         if head.version != Some(VERSION) {
             return Err(format!(
-                "the file contains run products of another version: this program can only read version \
-                 {VERSION}"
+                "the file was written by another version of isotherm: this program can only read run products of \
+                 version {VERSION}. Create the file again"
             ));
         }
         let file: File = serde_json::from_slice(bytes).map_err(|why| {
@@ -286,8 +286,8 @@ impl RunProducts {
             ));
         }
         for (what, own_s, other_s) in [
-            ("references are the mean of the first", self.settle_s, other.settle_s),
-            ("rows are means over", self.resample_s, other.resample_s),
+            ("the averaging time of the references (machine.settle) is", self.settle_s, other.settle_s),
+            ("the averaging time of the rows (--resample) is", self.resample_s, other.resample_s),
         ] {
             if own_s.to_bits() != other_s.to_bits() {
                 return Err(format!(
@@ -459,8 +459,8 @@ impl Column {
         let square = if self.squared { "²" } else { "" };
         let lag = Duration::try_from_secs_f64(self.lag_s).unwrap_or_default();
         let lag = match lag.is_zero() {
-            true => "at once".to_owned(),
-            false => format!("through {}", duration_text(lag)),
+            true => "without lag".to_owned(),
+            false => format!("with a lag of {}", duration_text(lag)),
         };
         format!("{}{square} ({}) {lag}", self.signal, self.unit)
     }

@@ -335,17 +335,17 @@ fn worth(runs: usize, has_prior: bool) -> Option<String> {
     let share = match (runs, has_prior) {
         (1, false) => {
             ". One in four such models made a later run worse than without compensation. Therefore each gain \
-             was reduced to seven tenths. Also,"
+             was reduced to 70 %. Also,"
         }
         (1, true) => ", and",
-        (2, false) => " alone, with each gain reduced to seven tenths",
+        (2, false) => " alone, with each gain reduced to 70 %",
         (2, true) => " alone",
         _ => return None,
     };
     Some(match runs {
         1 => format!(
-            "one run: no run could be held out, so the error of this model is not known{share} no sensor \
-             that fails can be replaced. Record another day before you rely on the model"
+            "one run: no run could be held out, so the error of this model is not known{share} there is no \
+             replacement for a failed sensor. Record another day before you rely on the model"
         ),
         _ => format!(
             "two runs: each run was tested with a model that was identified from the other run{share}. The \

@@ -411,7 +411,7 @@ impl Learning {
         head += NO_VALUES;
         let pair = |growth: Growth| format!("[{:?}, {:?}]", growth.per_hour(), growth.at_once());
         let keys = match in_use.and_then(|in_use| in_use.expected) {
-            None => "# No expected error: the model in use has none.\n".to_owned(),
+            None => "# The expected error is not known: the model in use has none.\n".to_owned(),
             Some(Expected { since_datum, since_touch }) => {
                 let touch = since_touch.map(|growth| format!(", since_touch = {}", pair(growth)));
                 format!(

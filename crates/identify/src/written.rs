@@ -109,7 +109,7 @@ fn beside(found: &Identified, stem: &str, files: &mut Vec<(String, String)>) -> 
             json!({ "format": "isotherm-stand-ins", "version": 1, "sensors": sensors }),
         );
     }
-    let missing = found.expected_missing.map(|why| format!("# No expected error: {why}.\n"));
+    let missing = found.expected_missing.map(|why| format!("# The expected error is not known: {why}.\n"));
     keys + &expected(found.expected.as_ref()) + &missing.unwrap_or_default()
 }
 

@@ -24,7 +24,10 @@ impl FromStr for Rider {
 
     fn from_str(text: &str) -> Result<Rider, String> {
         let wrong = || {
-            format!("`{text}` is not a rider; write its signal and µm per kelvin, for example head:z=-4.95")
+            format!(
+                "`{text}` is not a rider; write the signal of the moving part and its displacement in µm per \
+                 kelvin, for example head:z=-4.95"
+            )
         };
         let (name, rest) = text.split_once(':').filter(|(name, _)| !name.is_empty()).ok_or_else(wrong)?;
         let mut moves = [0.0; 3];

@@ -40,7 +40,7 @@ const NEW: f64 = 1e-7;
 pub enum ReducedError {
     /// Prescribed temperatures, or heat at single nodes; contains the card, for example `*CFLUX`.
     #[error(
-        "{0} is not allowed in a plant: heat enters a plant only through fluxes and films on named surfaces"
+        "{0} is not allowed in the plant of a virtual machine: heat may enter only through *DFLUX and *FILM"
     )]
     OtherHeat(&'static str),
     /// One name for a film and for a flux; contains the name.

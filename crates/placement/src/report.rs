@@ -130,7 +130,7 @@ fn errors(placement: &Placement) -> Markup {
              multi-case is one placement for all cases. Asked: with the block temperatures at the end of the \
              iteration. Read back: with the temperatures at the selected nodes. Left out: multi-case placed \
              for all the other cases." }
-        (table(&["case", "largest", "block centres", "block means", "patent, asked", "patent, read back", "bounded", "multi-case", "its largest", "lower bound with these blocks", "left out"], &rows))
+        (table(&["case", "largest", "block centres", "block means", "patent, asked", "patent, read back", "bounded", "multi-case", "multi-case, largest", "lower bound with these blocks", "left out"], &rows))
     }
 }
 

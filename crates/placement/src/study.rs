@@ -5,7 +5,7 @@
 //! the guideway. The error is calculated for four sets of block temperatures:
 //!
 //! - *naive*: the temperature of the node at the centre of each block, or the mean of its nodes;
-//! - *optimised*: the temperatures θg that a method requests;
+//! - *optimised*: the block temperatures θg that the method for sensor placement calculates;
 //! - *read back*: the temperatures at the selected sensors;
 //! - *floor*: the block temperatures with the smallest error. No sensors can give a smaller error.
 

@@ -272,7 +272,7 @@ impl<'c> KeyContext<'c> {
         // A wrong unit has been reported.
         if let Some(Unit(unit)) = self.unit_of(position).filter(|unit| unit.0 != "mm") {
             let help = format!("write unit = \"mm\" and the scale in mm per count at signal `{name}`");
-            self.invalid(format!("`{name}` is in \"{unit}\"; a position is in mm"), help);
+            self.invalid(format!("`{name}` is in \"{unit}\"; a position must be in mm"), help);
         }
         Some(position)
     }

@@ -257,7 +257,7 @@ fn not_read(path: &Path, why: &std::io::Error) -> ProfileError {
 fn meant_file(path: &Path) -> String {
     let directory = path.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new("."));
     let Ok(entries) = directory.read_dir() else {
-        return format!("is the directory {} right?", directory.display());
+        return format!("check that the directory {} exists and can be read", directory.display());
     };
     let is_profile = |name: &String| name.ends_with(".toml") && !BESIDE.iter().any(|end| name.ends_with(end));
     let names = entries.filter_map(|entry| entry.ok()?.file_name().into_string().ok());
@@ -273,7 +273,7 @@ fn meant_file(path: &Path) -> String {
 fn unreadable(name: &str, why: &std::io::Error) -> ProfileError {
     let help = match why.kind() {
         ErrorKind::InvalidData => "a profile is a TOML file in UTF-8",
-        ErrorKind::FileTooLarge => "is it a profile?",
+        ErrorKind::FileTooLarge => "check that this file is a profile",
         _ => "check that the path is a file, and that this user has permission to read it",
     };
     ProfileError::about(

@@ -36,7 +36,7 @@ impl fmt::Display for Overridden {
         let Overridden { key, profile, now, from, allowed } = self;
         match profile {
             Some(profile) => write!(f, "{key} = {now} instead of the profile's {profile}, from {from}")?,
-            None => write!(f, "{key} = {now}, which the profile does not have, from {from}")?,
+            None => write!(f, "{key} = {now}, from {from} (not in the profile)")?,
         }
         if *allowed { f.write_str(", as `allow_override` allows") } else { Ok(()) }
     }

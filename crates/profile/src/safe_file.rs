@@ -165,8 +165,8 @@ impl<R: Read> Read for Lines<R> {
         if self.open > LONGEST_ROW {
             let limit = LONGEST_ROW / 1_000_000;
             let text = format!(
-                "this row is longer than {limit} MB: is the file a log? Is a quotation mark (\") in the row \
-                 never closed?"
+                "this row is longer than {limit} MB: check that the file is a log, and that each quotation \
+                 mark (\") in the row is closed"
             );
             return Err(io::Error::new(ErrorKind::FileTooLarge, text));
         }

@@ -91,7 +91,7 @@ impl Table {
             String::new(),
             format!(
                 "{:<6}{:>11}{:>11}{:>16}   {:<18}{}",
-                "axis", "error", "+ Cz", "= what is left", "state", "guard"
+                "axis", "error", "+ Cz", "= residual", "state", "guard"
             ),
         ];
         for axis in &status.axes {
@@ -133,7 +133,7 @@ impl Table {
             writeln!(
                 out,
                 "{:>6}  {:<5}{:>12}{:>12}{:>20}   state",
-                "hours", "axis", "error, µm", "+ Cz, µm", "= what is left, µm"
+                "hours", "axis", "error, µm", "+ Cz, µm", "= residual, µm"
             )?;
         }
         self.next_row = (status.uptime_s / ROW_EVERY).floor() * ROW_EVERY + ROW_EVERY;

@@ -72,7 +72,7 @@ impl IntoProfile {
     ) -> anyhow::Result<IntoProfile> {
         let (shown, path) = (profile.display(), profile.to_owned());
         let written = with_new_files(found, &path, outside)?;
-        let by_hand = "; --write writes the block to a file, to be pasted by hand";
+        let by_hand = "; --write writes the block to a file: copy it into the profile by hand";
         let edit = put_model(&before, &found.axis, &written.block);
         let ModelEdit { text, line, replaced } =
             edit.map_err(|why| anyhow::anyhow!("the model cannot be put into {shown}: {why}{by_hand}"))?;
@@ -87,15 +87,16 @@ impl IntoProfile {
             count => format!(", instead of {}", counted(count, "model")),
         };
         say_beside!(
-            "The model of axis {axis} goes into {shown}, line {}{instead}. Nothing else in it changes.",
+            "The model of axis {axis} will be written to {shown}, line {}{instead}. No other line \
+             changes.",
             self.line
         );
-        if !yes && !agrees("Put it in?")? {
+        if !yes && !agrees("Write the model to the profile?")? {
             anyhow::bail!("{shown} is not changed");
         }
         let written = self.write(profile, axis, yes);
         let old = written.inspect_err(|_| self.remove_files())?;
-        say!("the model is in {shown}, line {}; the previous profile is {}", self.line, old.display())?;
+        say!("the model is in {shown}, line {}; the old profile is saved as {}", self.line, old.display())?;
         for (name, _) in &self.written.files {
             say!("the model also needs the file {name} in the directory of the profile")?;
         }

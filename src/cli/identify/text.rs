@@ -34,7 +34,7 @@ pub(super) fn render(out: &mut impl Write, found: &Identified, probe: Option<Dur
         )?;
     }
     for mended in &found.repaired {
-        writeln!(out, "  mended: {} {} in {}: {}", mended.signal, mended.fault, mended.run, mended.done)?;
+        writeln!(out, "  repaired: {} {} in {}: {}", mended.signal, mended.fault, mended.run, mended.done)?;
     }
     for like in &found.notes.ambient {
         writeln!(out, "  note: {} {}", like.signal, like.reason)?;

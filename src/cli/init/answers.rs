@@ -62,8 +62,8 @@ impl Line {
         }
         if text.starts_with("can") || text.starts_with("vcan") {
             return Err(format!(
-                "{text} is a CAN interface: for CAN, copy the shipped profile xc100-lathe-can.toml; as an \
-                 answer, {example}"
+                "{text} is a CAN interface: for CAN, copy the shipped profile xc100-lathe-can.toml; for \
+                 another line, {example}"
             ));
         }
         let is_numbered = |begin: &str| {

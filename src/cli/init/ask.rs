@@ -266,8 +266,8 @@ impl Asking<'_, '_> {
         let FormQuestions { options, texts, scale_help, parse_scale } = questions;
         let data_type = self.text(
             (options[0], texts[0], known.data_type.as_deref()),
-            "i16, u16, i32, u32 or f32: the manual of the device, or the PLC programmer, knows it. i16 and i32 have a \
-             sign, also for a part of a register.",
+            "i16, u16, i32, u32 or f32: see the manual of the device, or ask the PLC programmer. i16 and i32 \
+             have a sign, also for a part of a register.",
             data_type,
             |text| value_form::data_type(text, first),
         )?;
@@ -537,8 +537,8 @@ impl Asking<'_, '_> {
                     Frames::Ascii { .. } => format!("Modbus RTU, as {port}"),
                 };
                 format!(
-                    "  unit {unit} answers with no setting: check its number, power and wires A and B, or begin again \
-                     with {other}"
+                    "  unit {unit} does not answer with any setting: check its number, power and wires A and \
+                     B, or begin again with {other}"
                 )
             }
             Err(why) => format!("  {why}"),

@@ -11,7 +11,7 @@ const STEPS: [(&str, &str); 8] = [
     ),
     (
         "identify {} campaign/ --axis AXIS --into-profile",
-        "the model with its error on other days; yes puts it in",
+        "the model with its error on other days; yes writes it to the profile",
     ),
     ("run {} --dry-run", "Cz has the opposite sign of the measured error"),
     ("run {}", "the gateway runs, with the axis off; leave it running"),

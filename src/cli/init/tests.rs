@@ -338,7 +338,7 @@ fn the_settings_of_a_line_are_tried_only_after_a_yes() {
     assert_eq!(answers.line, Line::Serial("/dev/ttyUSB0".to_owned(), SerialSettings::RTU));
     let options = ["--bus", "/dev/nothing", "--module", "none", "--unit", "4"];
     let (_, shown, _) = answered_with(&options, "\nyes\n\n");
-    assert!(shown.contains("unit 4 answers with no setting"), "{shown}");
+    assert!(shown.contains("unit 4 does not answer with any setting"), "{shown}");
     assert!(shown.contains("begin again with Modbus ASCII, as modbus-ascii:///dev/nothing"), "{shown}");
 }
 

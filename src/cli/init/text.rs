@@ -10,7 +10,7 @@ use isotherm_core::codec::Element;
 use isotherm_profile::{Bits, Cell};
 
 /// Keys that follow the address in the table of an OPC UA bus. Their comments show how to secure the connection.
-const OF_SERVER: &str = r#"security = "none"                    # only if the network connects nothing but this machine
+const OF_SERVER: &str = r#"security = "none"                    # only if this machine alone uses the network
 # Use "sign-and-encrypt" if the server supports it: `isotherm scan --bus ADDRESS` shows that, and prints such lines.
 # security = "sign-and-encrypt"
 # cert     = "own.der"               # `isotherm opcua certificate` with this profile makes cert and key

@@ -27,10 +27,12 @@ pub(super) fn render(result: &AxisResult) -> std::io::Result<()> {
     };
     match result.proposed {
         true => say!(
-            "  proposed: the candidate would have left {left:.1} instead of {before:.1} µm RMS ({basis}); {next}"
+            "  proposed: the candidate would have left a residual error of {left:.1} instead of {before:.1} \
+             µm RMS ({basis}); {next}"
         ),
         false => say!(
-            "  the model in use stays: it left {before:.1} µm RMS, the candidate would have left {left:.1} µm ({basis})"
+            "  the model in use stays: it left a residual error of {before:.1} µm RMS, the candidate would \
+             have left {left:.1} µm ({basis})"
         ),
     }
 }
@@ -40,7 +42,7 @@ fn sentence(run: &TakenRun) -> String {
     if let Some(why) = &run.skipped {
         return format!("not used: {why}");
     }
-    let Some(touches) = run.touches else { return "measured row by row".to_owned() };
+    let Some(touches) = run.touches else { return "the error was measured in every row".to_owned() };
     let doubted = match run.doubted {
         0 => String::new(),
         some => format!(", {some} left out as wrong"),

@@ -95,8 +95,8 @@ fn agreed(thumbprint: Option<&str>, certificate: &Certificate) -> anyhow::Result
         let is_it = certificate.has_thumbprint(thumbprint).map_err(anyhow::Error::msg)?;
         anyhow::ensure!(
             is_it,
-            "the server shows another certificate ({}), which is not trusted. Is this the right server, has \
-             the server a new certificate, or does another computer answer instead?",
+            "the server shows another certificate ({}), which is not trusted. Check whether the \
+             server has a new certificate, or whether another computer answers instead",
             certificate.thumbprint
         );
         return Ok(());

@@ -48,7 +48,7 @@ pub(super) fn modes(
 /// Writes the files of the example, and prints the command to run next.
 pub(super) fn write_example(directory: &Path) -> anyhow::Result<()> {
     let place = directory.display();
-    std::fs::create_dir_all(directory).with_context(|| format!("cannot make the directory {place}"))?;
+    std::fs::create_dir_all(directory).with_context(|| format!("cannot create the directory {place}"))?;
     let files: Vec<_> =
         example::files().into_iter().map(|(name, text)| (directory.join(name), text)).collect();
     // Files that were changed in this directory are not overwritten.

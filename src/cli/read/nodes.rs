@@ -50,8 +50,8 @@ pub(super) fn run(target: &Target, nodes: &Nodes, json: bool) -> anyhow::Result<
     for (index, uri) in &tree.namespaces {
         let named = Namespace::Uri(uri.clone()).to_string();
         say_beside!(
-            "ns={index} is {} on this server. With this name instead of the index, a node is found even if \
-             the server numbers its namespaces differently",
+            "ns={index} is {} on this server. Write this name instead of ns={index}, because the server may \
+             change the index",
             one_line(&named)
         );
     }

@@ -114,7 +114,7 @@ fn line(target: &Target, one: &One, json: bool) -> anyhow::Result<(Line, u8)> {
         }
         let Some(unit) = one.unit else {
             return Err(wrong_arguments(match target.is_at_a_server() {
-                true => "an OPC UA server has nodes: add --browse, and leave --register out",
+                true => "an OPC UA server has nodes, not registers: replace --register with --browse",
                 false => "--unit is missing: the Modbus unit, often 1",
             }));
         };

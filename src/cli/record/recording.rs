@@ -155,7 +155,7 @@ fn place(out: &Path, machine: &str, now: Moment, part: usize) -> PathBuf {
 fn open(path: &Path, header: &str) -> anyhow::Result<File> {
     if let Some(directory) = path.parent() {
         std::fs::create_dir_all(directory)
-            .with_context(|| format!("the directory {} cannot be made", directory.display()))?;
+            .with_context(|| format!("the directory {} cannot be created", directory.display()))?;
     }
     new_file::create(path, header)
 }

@@ -15,7 +15,7 @@ pub(super) fn render(out: &mut impl Write, found: &Selected) -> io::Result<()> {
         writeln!(out, "note: {remark}")?;
     }
     let width = found.points.iter().map(|point| point.name.chars().count()).max().unwrap_or(0).max(5);
-    writeln!(out, "{:width$}  correlation with {}   grey grade   moves °C", "point", found.error)?;
+    writeln!(out, "{:width$}  correlation with {}   grey grade   range °C", "point", found.error)?;
     let under = found.error.chars().count() + "correlation with ".len();
     for point in &found.points {
         writeln!(
@@ -64,7 +64,7 @@ pub(super) fn render(out: &mut impl Write, found: &Selected) -> io::Result<()> {
     }
     for point in &kept.points {
         let alike = kept.alike.get(point).filter(|alike| !alike.is_empty());
-        let alike = alike.map(|alike| format!("; much the same: {}", alike.join(", "))).unwrap_or_default();
+        let alike = alike.map(|alike| format!("; similar points: {}", alike.join(", "))).unwrap_or_default();
         let times = kept.chosen_in.get(point).copied().unwrap_or(0);
         writeln!(
             out,

@@ -62,8 +62,10 @@ fn head(status: &Value, hints: &mut Hints) -> String {
         status["profile_changed"].as_array().into_iter().flatten().filter_map(Value::as_str).collect();
     if !changed.is_empty() {
         let files = changed.join(", ");
-        text +=
-            &format!("changed on disk since the start: {files}; `isotherm restart PROFILE --keep` uses it\n");
+        text += &format!(
+            "changed on disk since the start: {files}; `isotherm restart PROFILE --keep` loads the changed \
+             files\n"
+        );
     }
     text + &broker(&status["mqtt"]) + &rows("alarms", &status["alarms"], |one| alarm(one, hints))
 }
@@ -198,7 +200,8 @@ fn learned_model(learned: &Value) -> String {
     };
     let _ = writeln!(
         text,
-        "  candidate {model}: since {}, it would have left {left:.1} instead of {in_use:.1} µm (days: {}, touches: {}){next}",
+        "  candidate {model}: since {}, it would have left a residual error of {left:.1} instead of \
+         {in_use:.1} µm (days: {}, touches: {}){next}",
         word(&candidate["since"]),
         candidate["days"],
         candidate["touches"]
@@ -353,8 +356,8 @@ mod tests {
             } }
         });
         let text = lines(&axis);
-        let words = "  candidate learned-2026-01-31-3fa2: since 2026-01-26, it would have left 3.8 instead of 6.9 µm \
-                     (days: 5, touches: 40); `isotherm adopt` adopts it\n";
+        let words = "  candidate learned-2026-01-31-3fa2: since 2026-01-26, it would have left a residual \
+                     error of 3.8 instead of 6.9 µm (days: 5, touches: 40); `isotherm adopt` adopts it\n";
         assert!(text.ends_with(words), "{text}");
         (axis["learned"]["waiting"], axis["learned"]["auto"]) = (json!(""), json!(true));
         let text = lines(&axis);

@@ -140,8 +140,8 @@ fn advice(wanted: &NodeRequirement<'_>, found: &Described) -> Vec<String> {
     let Some(variable) = &found.variable else {
         return vec![match found.status.is_good() {
             true => {
-                "the node is not a variable: a node below it holds the value (`isotherm read PROFILE --browse \
-                 NODE`)"
+                "the node is not a variable: write the node below it that holds the value (`isotherm read \
+                 PROFILE --browse NODE` shows it)"
                     .to_owned()
             }
             false => explained(found.status),

@@ -79,7 +79,7 @@ const fn hint(fault: Fault) -> Option<&'static str> {
              nodes less often. Is the control powered and connected to the network?"
         }
         Fault::Link(LinkFault::Refused) => {
-            "is the port right (OPC UA has usually 4840), is the control's OPC UA server switched on, and does it run?"
+            "is the port right (usually 4840)? Is the OPC UA server of the control switched on and running?"
         }
         Fault::Link(LinkFault::Broken) => {
             "the server or a network device has closed the connection: was the server restarted? The \
@@ -99,15 +99,16 @@ pub(in crate::fieldbus) const fn status_hint(status: Status) -> &'static str {
             "the user of the line lacks the permission: grant it at the server, or write another `user` for the bus"
         }
         _ if status.is(Status::NOT_WRITABLE) => {
-            "the server lets no client write this node: is it the right node, is writing switched on at the \
-             server?"
+            "the server does not allow clients to write this node. Is it the right node? Is writing \
+             switched on at the server?"
         }
         _ if status.is(Status::WRITE_NOT_SUPPORTED) => {
             "the server does not accept a value without time stamp and quality for this node. \
              Is it the right node? Is writing this node over OPC UA switched on at the server?"
         }
         _ if status.is(Status::TYPE_MISMATCH) => {
-            "the node has another type: write its type into `type` of the output. An OPC UA browser shows the type"
+            "the node and the output have different types: write the type of the node \
+             into `type` of the output. An OPC UA browser shows the type"
         }
         _ if status.is(Status::NO_SUCH_NODE) => {
             "there is no such node at the server: `isotherm read --browse` shows its nodes and namespaces. Is the name \

@@ -61,10 +61,10 @@ pub const KIND: BusKind = BusKind {
 };
 
 /// Remedy for every fault of this type of bus: only a driver that does not return can be the cause.
-const AT_THIS_COMPUTER: &str = "the kernel driver of the sensors does not return. Is an adapter or a cable \
+const AT_THIS_COMPUTER: &str = "the kernel driver of the sensors does not respond. Is an adapter or a cable \
                                 unplugged? Does a 1-Wire sensor answer with a wrong checksum, so that the \
                                 kernel repeats the reading for seconds? `dmesg` says more. The gateway reads \
-                                each sensor again when its driver has returned";
+                                each sensor again when its driver responds";
 
 /// Connection opener for the sensors of this computer. Opening does nothing, because the sensors have no connection.
 struct SysfsDial {

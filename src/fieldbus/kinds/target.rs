@@ -20,7 +20,7 @@ pub(super) fn host(text: &str, usual: Option<u16>) -> Result<String, String> {
         (place, _) => {
             let help = place.err().and_then(|why| why.help(usual.unwrap_or(4001), str::to_owned));
             let help = help.unwrap_or_else(|| "write 192.168.0.10:502".to_owned());
-            Err(format!("`{text}` is no host and port; {help}"))
+            Err(format!("`{text}` is not a host and port; {help}"))
         }
     }
 }

@@ -375,7 +375,7 @@ impl CommandHandle {
             }
             let jumped = core.board.confirm(DeviceId(place));
             Ok(Answer::Done(match jumped.as_slice() {
-                [] => format!("{device}: nothing to confirm: no signal has jumped while the device was away"),
+                [] => format!("{device}: nothing to confirm: no signal jumped while the device was silent"),
                 names => format!("{device}: confirmed; the next values of {} are accepted", names.join(", ")),
             }))
         })

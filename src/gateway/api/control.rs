@@ -86,7 +86,7 @@ const LONGEST: u64 = 256;
 const DELETED: Duration = Duration::from_secs(1);
 
 /// Answer to a request with `stay` or `trace` while too many clients already wait or trace.
-const TOO_MANY: &str = "error too many clients wait or listen here: end one of them, then try again\n";
+const TOO_MANY: &str = "error too many clients wait or trace: end one of them, then try again\n";
 
 /// First words of the answer to an unknown line. All versions of isotherm use them, so that clients recognise them.
 const UNKNOWN: &str = "this socket understands";

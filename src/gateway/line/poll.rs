@@ -286,7 +286,8 @@ impl LineTask {
         self.wake_outputs(now);
     }
 
-    /// Makes each output of the line due, after a decision of an axis, a read, or a command.
+    /// Marks each output of the line for a check whether a write is due. Called after each event that may require a
+    /// write: a decision of an axis, a read, or a command.
     fn wake_outputs(&mut self, now: Moment) {
         self.jobs.iter_mut().for_each(|job| job.wake(now));
     }

@@ -126,7 +126,7 @@ impl OutputRegister {
                 }
                 output::Event::Question if !shared.dry_run => {
                     shared.report(&report::question(of, &output.name));
-                    let hint = "follow the alarm of the output, then arm the axis";
+                    let hint = "follow the hint in the alarm of the output, then arm the axis";
                     let why = Explained::new(
                         "it is not certain which part of the output's register value comes from the gateway",
                         hint,
@@ -333,8 +333,8 @@ impl OutputRegister {
             let is_like_ours = found.abs_diff(expected) <= settings.step.unsigned_abs();
             let hint = match is_like_ours {
                 true => {
-                    "the change is as small as a step of the gateway: does a second gateway write to the \
-                     register? Correct the value at the control, then arm the axis"
+                    "the change is as small as a step of the gateway: check whether a second gateway writes \
+                     to the register. Correct the value at the control, then arm the axis"
                 }
                 false => "correct the value at the control, then arm the axis",
             };

@@ -80,8 +80,8 @@ pub(super) fn not_sent(shared: &LineHandle, id: OutputId, why: Inadmissible) {
     let why = Explained::new(
         format!("nothing is sent to output {name} ({at}): {why}"),
         format!(
-            "compare scale, bias and type of the output, and limit and diameter of axis {axis}, with the control and with the \
-             profile"
+            "check scale, bias and type of the output, and limit and diameter of axis {axis}: do they fit the \
+             control?"
         ),
     );
     shared.core().disarm(output.axis, why);
@@ -106,9 +106,10 @@ pub(super) fn question((register, controller): (&OutputRegister, &Controller), o
     let share = share_in_text(register, share);
     let why = Explained::new(
         format!(
-            "{doubt}; the register holds {holds}, and the gateway share in it is taken to be {share}{perhaps}"
+            "{doubt}; the register holds {holds}, and the gateway share in it is assumed to be \
+             {share}{perhaps}"
         ),
-        format!("set the register to your own offset plus {share}, then arm the axis"),
+        format!("set the register to the operator offset plus {share}, then arm the axis"),
     );
     Event::LedgerDoubt { output, why }
 }

@@ -65,7 +65,7 @@ impl GatewayState {
         if preference.waiting().is_some() {
             self.compensation.withdraw(axis);
             self.requested(axis, None);
-            return Ok(format!("{}: keeps its model", profile.axes[axis].settings.name));
+            return Ok(format!("{}: the axis keeps its model", profile.axes[axis].settings.name));
         }
         let change = back((&profile, axis), preference)?;
         self.changed(axis, change)

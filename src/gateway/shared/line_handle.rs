@@ -287,11 +287,11 @@ fn another_master(signals: &[&Signal]) -> Explained {
         if more == 0 { named.join(", ") } else { format!("{} and {more} more", named.join(", ")) }
     };
     let mut cause =
-        "another master is on the line: messages arrived that answer no request of this gateway".to_owned();
+        "another master is on the line: messages arrived that this gateway did not request".to_owned();
     if !signals.is_empty() {
         let agree = format!(
-            "a value is used only if it agrees with the one before; with `max_rate` and no recent good value, {MANY} \
-             in a row must agree"
+            "a value is used only if it agrees with the previous value; with `max_rate` and no recent good \
+             value, {MANY} values in a row must agree"
         );
         cause += &format!("; messages of the other master look like answers for {}; {agree}", list(signals));
         let (_, unlimited): (Vec<&Signal>, Vec<&Signal>) =

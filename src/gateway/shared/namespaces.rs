@@ -80,14 +80,14 @@ impl NamespaceWatch {
             let found = match located {
                 Located::Ambiguous => format!("the server has namespace {was} (ns={index}) more than once"),
                 Located::Unclear => format!(
-                    "the profile has new nodes with ns={index}: this index was namespace {was}, which now has another \
-                     index, and ns={index} is now {is}"
+                    "the server has moved namespace {was} to another index, and ns={index} is now {is}; the \
+                     profile has new nodes with ns={index}, and it is not certain which namespace they mean"
                 ),
                 _ => format!("the server no longer has namespace {was} (ns={index}); ns={index} is {is}"),
             };
             let meant = format!("write the intended namespace as nsu=... in place of ns={index}");
             let confirmed = now.map_or(String::new(), |now| {
-                format!("; or, if ns={index} must be {now}, isotherm confirm {} {device}", profile.display())
+                format!("; or, if {now} is correct, run isotherm confirm {} {device}", profile.display())
             });
             Difference {
                 what: format!("ns={index}"),

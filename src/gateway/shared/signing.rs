@@ -234,7 +234,7 @@ fn begin_movement(
         return;
     }
     if check.stage == SignStage::ReturnsToZero {
-        let why = "the register did not hold zero before the check; now it does";
+        let why = "the register did not hold zero before the check; it holds zero now";
         end(core, axis, Explained::new(why, "set the gauge to zero, and start the check again"));
         return;
     }

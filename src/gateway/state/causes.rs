@@ -18,7 +18,7 @@ pub(in crate::gateway) const BEYOND_ERROR: &str = "the model requested more than
 /// Hint for a fault whose cause only an operator can find.
 pub(in crate::gateway) const WHEN_FOUND: &str = "arm the axis again when the cause is found";
 /// Hint for a sensor that is lost, or frozen (its reading does not change).
-pub(super) const SEE_TO_THE_SENSOR: &str = "look at the sensor, its cable and its channel";
+pub(super) const SEE_TO_THE_SENSOR: &str = "check the sensor, its cable and its channel";
 
 /// Parts of the gateway's state from which the cause of an axis state is determined.
 #[derive(Clone, Copy)]
@@ -217,7 +217,7 @@ fn lacking(
         .into(),
         Unusable::MachineOff => Explained::new("no machine start detected yet", RUN_IT),
         Unusable::NotANumber => Explained::new(
-            "the model gives no number",
+            "the model result is invalid, because it is not a number",
             "check the coefficients of the model and the values of its signals",
         ),
     }
@@ -235,7 +235,7 @@ fn hint_at(output: &Output, standing: RegisterHealth) -> Option<Cow<'static, str
             format!("the gateway writes again when {when}").into()
         }
         RegisterHealth::Foreign => "correct the value at the control, then arm the axis".into(),
-        RegisterHealth::Unverified => "look at the alarm of the output".into(),
+        RegisterHealth::Unverified => "see the alarm of the output".into(),
         RegisterHealth::Unknown | RegisterHealth::Verified => return None,
     })
 }

@@ -194,8 +194,11 @@ impl DeviceHealth {
         let age = self.stamped[id.0].filter(|age| *age >= signal.max_age / 2)?.as_secs_f64();
         let (digits, device) = (usize::from(age < 10.0), &self.profile.device(signal.device).name);
         Some(Explained::new(
-            format!("{}: stamped {age:.digits$} s ago by the server", Reason::Stale),
-            format!("write source_time = \"changed\" at device {device} if the server stamps only changes"),
+            format!("{}: the server's timestamp is {age:.digits$} s old", Reason::Stale),
+            format!(
+                "if the server updates the timestamp only when the value changes, write source_time = \
+                 \"changed\" at device {device}"
+            ),
         ))
     }
 

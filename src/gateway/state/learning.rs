@@ -163,7 +163,8 @@ fn not_better(offer: &Offer) -> Explained {
     let cause = match offer.judgement.gain() {
         None => "the candidate has not been compared with the model in use yet".to_owned(),
         Some(gain) => format!(
-            "the candidate is not better: it would have left {:.1} µm instead of {:.1} µm",
+            "the candidate is not better: it would have left a residual error of {:.1} µm instead of \
+             {:.1} µm",
             gain.candidate.get(),
             gain.in_use.get()
         ),
@@ -197,7 +198,7 @@ pub(crate) fn change(profile: &Profile, axis: usize, offer: &Offer, when: When) 
         let lag = Duration::try_from_secs_f64(term.lag_s).ok();
         let (signal, lag) = signal.zip(lag).ok_or_else(|| {
             Explained::new(
-                format!("the candidate needs {}, which the profile lacks", term.signal),
+                format!("the candidate needs signal {}, which is not in the profile", term.signal),
                 LEARN_AGAIN,
             )
         })?;

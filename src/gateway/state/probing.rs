@@ -110,11 +110,11 @@ pub(in crate::gateway) fn why_refused(
     match refused {
         Refused::NoModel if profile.axes[axis].learning.is_some() => Explained::new(
             "no model can be used now, and the error is only stored for learning",
-            "adopt a learned model when one is proposed, or look at the alarms of the signals of the axis",
+            "adopt a learned model when one is proposed, or see the alarms of the signals of the axis",
         ),
         Refused::NoModel => Explained::new(
             "no model of the axis can be used now",
-            "look at the alarms of the signals of the axis",
+            "see the alarms of the signals of the axis",
         ),
         Refused::Tripped => Explained::new(
             "the model requested more than the error level and is not used",

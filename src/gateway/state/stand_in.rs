@@ -103,7 +103,7 @@ mod tests {
             let mut events = Vec::new();
             report((&profile, "z"), decision, found, &mut reported, &mut events);
             let texts = events.iter().map(|event| event.entry(Moment::default()).text);
-            texts.map(|text| text.split("; look at").next().unwrap().to_owned()).collect()
+            texts.map(|text| text.split("; check the sensor").next().unwrap().to_owned()).collect()
         };
         let bed = found(0, true, Some(5));
         assert_eq!(told(&[bed]), ["axis z: bed frozen for 0s, replaced by a stand-in from 5 other sensors"]);

@@ -78,8 +78,7 @@ fn one_put_back(
             Some((since, number)) if since == seal.since && number <= seal.number => {}
             Some((since, number)) if since == seal.since => {
                 return Err(format!(
-                    "{} is newer than the backup (the number of the saved state is {number}, not {}): \
-                     {remedy}",
+                    "{} is newer than the backup (save number {number}, but {} in the backup): {remedy}",
                     path.display(),
                     seal.number
                 ));

@@ -66,8 +66,8 @@ pub fn read(
 }
 
 fn parse(bytes: &[u8], axis: &str) -> Result<Offer, String> {
-    let file: File = serde_json::from_slice(bytes)
-        .map_err(|why| format!("the file is not a candidate of a model: {why}"))?;
+    let file: File =
+        serde_json::from_slice(bytes).map_err(|why| format!("the file is not a candidate file: {why}"))?;
     if file.format != FORMAT || file.version != VERSION {
         return Err(format!("the file is not a candidate file of version {VERSION}"));
     }
@@ -139,7 +139,7 @@ mod tests {
             ("\"runs\":5", "\"runs\":6", "checksum is wrong"),
             ("\"version\":1", "\"version\":2", "not a candidate file of version 1"),
             ("isotherm-candidate", "isotherm-products", "not a candidate"),
-            ("{\"format\"", "{\"forma\"", "the file is not a candidate of a model"),
+            ("{\"format\"", "{\"forma\"", "the file is not a candidate file: "),
         ] {
             assert!(text.contains(from), "{text}");
             std::fs::write(&path, text.replacen(from, to, 1)).unwrap();

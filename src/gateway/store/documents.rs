@@ -245,9 +245,9 @@ pub(in crate::gateway) fn may_start(disk: &dyn Disk, directory: &Path, machine: 
     }
     match read(disk, &document, |bytes| document::read(bytes, machine)) {
         Err(DocumentRejection::Later(found)) => Err(format!(
-            "the saved state {} was written by a later version of this program (layout {found}, this one \
-             knows up to {VERSION}). Run that version, or move the file away and let the operator arm the \
-             axes",
+            "the saved state {} was written by a later version of this program (layout {found}; this \
+             program reads layouts up to {VERSION}). Run that version, or move the file away and let the \
+             operator arm the axes",
             document.display()
         )),
         _ => Ok(()),

@@ -22,8 +22,8 @@ use isotherm_core::quantity::Micron;
 use isotherm_profile::{AxisId, DeviceId, Output, OutputId, Profile, Share, Signal, Writes};
 
 /// Hint about an output whose register was shared with an operator in the previous run, but is no longer shared.
-const WHOLE: &str = "arming makes the whole register value the gateway share, also the operator offset; to \
-                     keep the operator offset, write share = \"ledger\" again";
+const WHOLE: &str = "arming makes the whole register value the gateway share, including the operator offset; \
+                     to keep the operator offset, write share = \"ledger\" again";
 
 /// Registers of outputs and addresses of signals, together called places, in the form in which they are saved.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -378,8 +378,8 @@ impl Places {
                  zero at the control, unless the operator needs the value. Then arm the axis",
             );
         };
-        let held = held.map_or("the value in the register is not known".to_owned(), |held| {
-            format!("{held} from the gateway were verified in the register")
+        let held = held.map_or("the value before the change is not known".to_owned(), |held| {
+            format!("{held} from the gateway were verified before the change")
         });
         let holds = holds.map_or(String::new(), |holds| format!("; the register holds {holds} now"));
         let hint = match (place.share, now.share) {
@@ -389,7 +389,7 @@ impl Places {
                  write the former register into the profile again"
             }
         };
-        Explained::new(format!("output {output} was {was}, {held}; it is {is}{holds}"), hint)
+        Explained::new(format!("output {output} has changed: from {was} to {is}; {held}{holds}"), hint)
     }
 }
 
@@ -565,7 +565,10 @@ pub(super) fn renamed<T>(all: BTreeMap<String, T>, names: &BTreeMap<String, Stri
 /// Explains why a captured reference of a signal is not used.
 pub(in crate::gateway) fn why_forgotten(signal: &str, MovedPlace { was, is, .. }: &MovedPlace) -> Explained {
     Explained::new(
-        format!("signal {signal} was {was}, it is {is}; the captured reference of the signal is not used"),
+        format!(
+            "signal {signal} has changed: from {was} to {is}; the captured reference of the signal is not \
+             used"
+        ),
         "the reference is captured again from now on; measure a part, or write the former address into the \
          profile again",
     )

@@ -102,7 +102,7 @@ impl Broker {
                     .of(EventKind::BrokerNotKept)
             }
             Broker::SubscriptionRefused { broker, topic } => {
-                caused(topic, format!("{broker} refuses this subscription, so no message for it arrives"))
+                caused(topic, format!("{broker} refuses this subscription; no message of this topic arrives"))
                     .of(EventKind::BrokerSubscriptionRefused)
             }
             Broker::Subscribed { broker, topic } => {

@@ -114,8 +114,8 @@ impl Expiry {
         let expires = if *is_over { "expired" } else { "expires" };
         let remedy = match whose {
             CertificateOwner::Gateway => {
-                "move the certificate and its key away, make both again (`isotherm opcua certificate \
-                 PROFILE`), and trust the certificate at the server"
+                "move the certificate and its key to another directory, create both again (`isotherm opcua \
+                 certificate PROFILE`), and trust the new certificate at the server"
             }
             CertificateOwner::User => "make a new certificate, and give it this user's rights at the server",
             CertificateOwner::Server => {
@@ -123,10 +123,10 @@ impl Expiry {
                  already has another certificate, remove this file"
             }
             CertificateOwner::OwnServer => {
-                "move the certificate and its key away, make both again (`isotherm opcua certificate PROFILE \
-                 --server`), and trust the certificate at each client"
+                "move the certificate and its key to another directory, create both again (`isotherm opcua \
+                 certificate PROFILE --server`), and trust the new certificate at each client"
             }
-            CertificateOwner::Client => "renew the certificate at the client, and replace this file with it",
+            CertificateOwner::Client => "renew the certificate at the client, and copy it over this file",
         };
         Explained::new(
             format!("the {}'s certificate {file} {expires} on {}", whose.word(), day_and_time(*until)),

@@ -27,8 +27,8 @@ use isotherm_core::quantity::{Micron, Moment};
 use isotherm_profile::{counted, duration_text};
 
 /// Hint about an OPC UA node that still has its old value after a write.
-const NODE_KEEPS_VALUE: &str = "the server answered Good and kept the old value: does another client write \
-                                the node, is writing enabled?";
+const NODE_KEEPS_VALUE: &str = "the server answered Good, but kept the old value: check whether another \
+                                client writes the node, and whether writing is enabled";
 
 fn seconds(span: &Duration) -> String {
     duration_text(Duration::from_secs(span.as_secs()))
@@ -145,8 +145,8 @@ events! {
         Rereferenced { signal: String, unit: String, from: f64, to: f64 } => caused(
             format!("signal {signal}"),
             format!(
-                "the encoder was re-referenced: {from:.4} {unit} is now {to:.4} {unit}, a step larger than the axis \
-                 can move"
+                "the encoder was re-referenced: the position changed from {from:.4} {unit} to {to:.4} \
+                 {unit}, too far for a movement of the axis"
             )
         );
         // `from` and `to` are the values of one count.
@@ -366,19 +366,20 @@ events! {
             #[serde(rename = "late_s", serialize_with = "in_seconds")]
             late: Duration,
         } => plain(format!(
-            "output {output}: an orderly stop of the last run is not known; the gateway waits {} for late writes before it \
-             changes the register",
+            "output {output}: the last run did not stop normally, or its end is unknown; the gateway waits \
+             {} for late writes before it changes the register",
             duration_text(*late)
         ));
         NotReadBack { output: String } =>
-            plain(format!("output {output}: acknowledged, not read back: the register cannot be read"));
+            plain(format!("output {output}: writes are acknowledged, not verified; the register cannot be \
+                           read"));
         OperatorChange { output: String, from: String, to: String, share: String } => plain(format!(
             "output {output}: the operator offset changed from {from} to {to} and is not overwritten; the \
              gateway share stays \
              {share}"
         ));
         LedgerOpened { output: String, base: String, share: String } =>
-            plain(format!("output {output}: {base} are the operator offset, {share} are the gateway share"));
+            plain(format!("output {output}: the operator offset is {base}, the gateway share is {share}"));
         FirstAccount { output: String, holds: String } => caused(
             format!("output {output}"),
             format!("the register holds {holds}, and the gateway share in it is not known")
@@ -393,8 +394,8 @@ events! {
             #[serde(skip)]
             hint: String,
         } => {
-            let cause = format!("{held} from the gateway were verified in {register}, which outputs no \
-                                 longer use");
+            let cause = format!("{held} from the gateway were verified in {register}, but no output uses \
+                                 this register any longer");
             caused(format!("output {output}"), Explained::new(cause, hint.clone()))
         };
         RegisterReleased { output: String, register: String } =>
@@ -413,7 +414,8 @@ events! {
         };
         PositionFromZero { output: String } => caused(
             format!("output {output}"),
-            "the Cz in the last corrected position was not saved: the output begins at Cz 0"
+            "the last Cz of the corrected position is unknown, because the saved state was rejected: the \
+             output begins at Cz 0"
         );
         CncRestarted { output: String, expected: String } => caused(
             format!("output {output}"),
@@ -499,8 +501,8 @@ events! {
             #[serde(rename = "span_s", serialize_with = "in_seconds")]
             span: Duration,
         } => caused("", format!(
-            "this computer stood still for {:.1} s (stopped, suspended or too busy): the gateway discards the values \
-             from before and reads all again",
+            "this computer stood still for {:.1} s (stopped, suspended or too busy): the gateway discards \
+             the old values and reads all signals again",
             span.as_secs_f64()
         ));
         TaskFailed { task: String, why: String } => caused(format!("{task} failed"), why);
@@ -508,8 +510,8 @@ events! {
             #[serde(serialize_with = "in_text")]
             last: Moment,
         } => caused("", format!(
-            "the computer's clock does not continue from {last}, the newest time stamp in state and log: the time \
-             without measurements is assumed to be long"
+            "the computer's clock does not continue from {last}, the newest time stamp in state and log; the \
+             length of the stop is unknown, and assumed to be long"
         ));
         LogsDeleted { names: Vec<String>, why: String } => plain(format!("deleted {}: {why}", listed(names)));
         NotExclusive { why: String } => caused("", format!(
@@ -518,7 +520,8 @@ events! {
         NotKept { what: String, why: Explained } => caused(format!("{what} cannot be saved"), why.clone());
         NotBelieved { why: String } =>
             caused("", format!("{why}; every axis is off until the operator arms it"));
-        HandoverRefused { why: String } => caused("", format!("{why}; every axis starts as after a stop"));
+        HandoverRefused { why: String } =>
+            caused("", format!("{why}; every axis starts as after a normal stop"));
         ProfileDiffers { profile: String, files: Vec<String> } => {
             let cause = format!(
                 "these files changed after the new program had checked the profile, and are not used: {}",

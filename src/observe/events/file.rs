@@ -131,7 +131,7 @@ pub fn read(path: &Path, mut found: impl FnMut(FileItem)) -> std::io::Result<End
                 &format!("after event {} comes event {}: lines are missing", end.count, line.n),
             ));
         } else if line.after != end.seal {
-            found(damage(place, "this line does not follow the line before"));
+            found(damage(place, "this line does not match the previous line: lines were changed or moved"));
         }
         match seal {
             Ok(seal) => end.seal = seal,
@@ -204,7 +204,7 @@ pub fn begin(text: &str, now: Moment) -> Result<Moment, String> {
         return Ok(now.before(span));
     }
     time::parse(text).map_err(|_| {
-        format!("`{text}` is no time: write a duration such as 12h, or a time such as 2026-01-31T18:00:00Z")
+        format!("`{text}` is not a time: write a duration such as 12h or a time such as 2026-01-31T18:00:00Z")
     })
 }
 

@@ -50,7 +50,7 @@ pub(crate) fn others(count: usize) -> String {
 
 /// Hint about a sensor that is suspected of being frozen, and whose reading is still used.
 const USED_MEANWHILE: &str =
-    "look at the sensor, its cable and its channel; until then, the axis uses the reading";
+    "check the sensor, its cable and its channel; until then, the axis uses the reading";
 
 impl StandIn {
     pub(super) fn described(&self) -> EventDescription {

@@ -222,14 +222,14 @@ fn each_event_that_tells_of_trouble_has_cause_and_hint_and_a_sentence_of_both() 
 #[test]
 fn power_and_cable_are_not_named_if_they_cannot_be_the_cause() {
     let down = |excludes_wiring| {
-        let fault = "the server has no channel left: close another client".into();
+        let fault = "the server has no free channel: close another client".into();
         let event = Event::LinkDown { bus: "cell".into(), address: "a:1".into(), fault, excludes_wiring };
         event.entry(Moment::default())
     };
     let unknown = down(false);
     assert!(unknown.text.contains("check the power and the cable"), "{}", unknown.text);
     let answered = down(true);
-    assert_eq!(answered.text, "bus cell (a:1): the server has no channel left: close another client");
+    assert_eq!(answered.text, "bus cell (a:1): the server has no free channel: close another client");
     let field = |name: &str| answered.data.get(name);
     assert!(field("cause").is_some(), "{}", answered.data);
     assert_eq!((field("hint"), field("excludes_wiring")), (None, None));

@@ -22,7 +22,7 @@ pub(super) enum Scheme {
 /// Report of the trusted proxies about a request.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) struct Forwarded {
-    /// Address of the client. It is the address of a proxy if no proxy reports the client.
+    /// Address of the client. If no proxy reports it, this is the address of the proxy that sent the request.
     pub(super) client: IpAddr,
     /// Scheme in the browser; `None` if it is not reported.
     pub(super) scheme: Option<Scheme>,

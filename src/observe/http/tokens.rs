@@ -5,7 +5,6 @@
 
 use std::fmt;
 use std::fs::Metadata;
-use std::hint::black_box;
 use std::io::{self, Read};
 use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
@@ -13,6 +12,7 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use isotherm_profile::safe_file;
 use rustix::rand::{GetRandomFlags, getrandom};
+use subtle::ConstantTimeEq;
 
 /// Minimum length of a token, in characters. A shorter token could be guessed.
 const SHORTEST: usize = 16;
@@ -148,7 +148,7 @@ fn read(path: &Path) -> Result<(String, FileIdentity), String> {
     let at = path.display();
     let cannot = |error: io::Error| match error.kind() {
         io::ErrorKind::NotFound => {
-            format!("the token file {at} is not there: isotherm token --out {at} makes a token")
+            format!("the token file {at} does not exist: create it with isotherm token --out {at}")
         }
         _ => format!("the token file {at} cannot be read: {error}"),
     };
@@ -156,10 +156,12 @@ fn read(path: &Path) -> Result<(String, FileIdentity), String> {
     let metadata = file.metadata().map_err(cannot)?;
     if metadata.len() > LARGEST {
         let kilobytes = LARGEST >> 10;
-        return Err(format!("the token file {at} is larger than {kilobytes} kB: isotherm token makes one"));
+        return Err(format!(
+            "the token file {at} is larger than {kilobytes} kB: create a token with isotherm token > {at}"
+        ));
     }
     if metadata.mode() & OTHERS != 0 {
-        return Err(format!("the token file {at} is open to everybody on this computer: chmod 600 {at}"));
+        return Err(format!("the token file {at} is open to all users of this computer: run chmod 600 {at}"));
     }
     let mut text = String::new();
     file.by_ref().take(LARGEST).read_to_string(&mut text).map_err(cannot)?;
@@ -167,17 +169,18 @@ fn read(path: &Path) -> Result<(String, FileIdentity), String> {
     let length = token.chars().count();
     match () {
         () if length == 0 => {
-            Err(format!("the token file {at} is empty: isotherm token > {at} makes a token"))
+            Err(format!("the token file {at} is empty: create a token with isotherm token > {at}"))
         }
         () if length < SHORTEST => Err(format!(
-            "the token in {at} has {length} characters, fewer than {SHORTEST}: isotherm token > {at} makes one"
+            "the token in {at} has {length} characters, fewer than {SHORTEST}: create a token with isotherm \
+             token > {at}"
         )),
-        () if token.len() > LONGEST => {
-            Err(format!("the token in {at} is longer than {LONGEST} bytes: isotherm token > {at} makes one"))
-        }
+        () if token.len() > LONGEST => Err(format!(
+            "the token in {at} is longer than {LONGEST} bytes: create a token with isotherm token > {at}"
+        )),
         () if !token.chars().all(|letter| matches!(letter, ' '..='~')) => Err(format!(
-            "the token in {at} has more than one line, or characters that a request cannot contain: isotherm \
-             token > {at} makes one"
+            "the token in {at} has more than one line, or characters that a request cannot contain: create \
+             a token with isotherm token > {at}"
         )),
         () => Ok((token.to_owned(), FileIdentity::of(&metadata))),
     }
@@ -213,7 +216,9 @@ impl Tokens {
     /// Returns the role and the version of a token. `None` if the token is wrong.
     pub(super) fn role_of(&self, given: &str) -> Option<(Role, u64)> {
         let files = self.files();
-        let matches = |file: &&TokenFile| file.token.as_deref().is_some_and(|token| same(given, token));
+        // A comparison in constant time: response times do not help to guess a token.
+        let is_given = |token: &String| bool::from(token.as_bytes().ct_eq(given.as_bytes()));
+        let matches = |file: &&TokenFile| file.token.as_ref().is_some_and(is_given);
         Role::ALL.into_iter().find_map(|role| {
             let file = files[place(role)].as_ref().filter(matches)?;
             Some((role, file.version))
@@ -257,13 +262,6 @@ fn place(role: Role) -> usize {
     }
 }
 
-/// Returns whether two tokens are equal. The comparison takes constant time, so that response times do not
-/// help to guess a token.
-fn same(given: &str, token: &str) -> bool {
-    let differences = given.bytes().zip(token.bytes()).fold(0, |seen, (a, b)| black_box(seen | (a ^ b)));
-    given.len() == token.len() && differences == 0
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -278,7 +276,7 @@ mod tests {
     fn what_is_no_token_is_refused_with_what_to_do() {
         let home = tempfile::tempdir().unwrap();
         let path = home.path().join("operator.token");
-        assert!(TokenFile::read(&path).unwrap_err().contains("is not there: isotherm token --out"));
+        assert!(TokenFile::read(&path).unwrap_err().contains("does not exist: create it with isotherm"));
         for (text, mode, why) in [
             ("0123456789abcdef\n", 0o644, Some("chmod 600")),
             ("0123456789abcdef\n", 0o602, Some("chmod 600")),

@@ -136,7 +136,8 @@ impl Fault {
             }
             Fault::NotAllowed => Explained::new(
                 "the broker does not allow the gateway to connect",
-                "write a `user` that may connect, or the paths of its certificate and key in `tls`, into the profile",
+                "write into the profile a `user` that may connect, or the paths of a client certificate and its \
+                 key (`tls`)",
             ),
             Fault::NotSubscribed(topic) => Explained::new(
                 format!("the broker refuses the subscription to {topic}"),
@@ -152,13 +153,13 @@ impl Fault {
             ),
             Fault::Refused(why) => (*why).into(),
             Fault::NoMqtt => {
-                "the server at this address does not speak MQTT, or only inside TLS (mqtts://)".into()
+                "the server at this address does not speak MQTT, or it requires TLS (mqtts://)".into()
             }
             Fault::TooLong(most) => Explained::new(
-                format!("the broker sends a message of more than {most} MB on a topic of commands"),
+                format!("the broker sends a message of more than {most} MB on a command topic"),
                 "remove the client or the retained message that causes this",
             ),
-            Fault::Broken => "the connection broke".into(),
+            Fault::Broken => "the connection was lost".into(),
             Fault::Inside(why) => format!("the MQTT library failed: {why}").into(),
         }
     }

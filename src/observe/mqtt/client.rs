@@ -188,7 +188,7 @@ struct ReportSender {
     kept: KeptMessage,
 }
 
-/// Receiver of reports from the task of the library.
+/// Receiver of reports about the connection and of messages. The task of the MQTT library sends them.
 struct ReportReceiver {
     heard: mpsc::Receiver<BrokerReport>,
     room: Arc<Notify>,
@@ -410,7 +410,7 @@ fn fault(error: &ConnectionError) -> Fault {
                 Fault::Refused("the broker does not support MQTT 3.1.1")
             }
             ConnectReturnCode::BadClientId => {
-                Fault::Refused("the broker rejects the client name of the gateway")
+                Fault::Refused("the broker rejects the client ID of the gateway")
             }
             ConnectReturnCode::ServiceUnavailable => {
                 Fault::Refused("the broker reports that it is not available")
@@ -442,7 +442,7 @@ fn fault(error: &ConnectionError) -> Fault {
 fn refusal_of_mqtt_5(code: u8) -> Fault {
     match code {
         0x84 => Fault::Refused(MQTT_5_ONLY),
-        0x85 => Fault::Refused("the broker rejects the client name of the gateway"),
+        0x85 => Fault::Refused("the broker rejects the client ID of the gateway"),
         0x86 => Fault::WrongUser,
         0x87 => Fault::NotAllowed,
         0x88 | 0x89 => Fault::Refused("the broker reports that it is not available"),
@@ -454,7 +454,8 @@ fn refusal_of_mqtt_5(code: u8) -> Fault {
 fn tls_fault(fault: TlsFault) -> Fault {
     let remedy = match fault {
         TlsFault::OtherName => Some(
-            "write that name into `broker`, or the path of this certificate into the profile: `tls = { ca = \"…\" }`",
+            "write the name in the certificate into `broker`, or the path of this certificate into the \
+             profile: `tls = { ca = \"…\" }`",
         ),
         TlsFault::UnknownAuthority => {
             Some("write the path of the authority's certificate into the profile: `tls = { ca = \"…\" }`")
@@ -467,7 +468,7 @@ fn tls_fault(fault: TlsFault) -> Fault {
         }
         TlsFault::OursExpired => Some("renew the certificate that `cert` names in `tls`"),
         TlsFault::OursRefused => {
-            Some("does the broker trust the authority of the certificate that `cert` names in `tls`?")
+            Some("make the broker trust the authority that signed the certificate in `cert` of `tls`")
         }
         TlsFault::NoTls => Some("try another port, or mqtt://"),
         TlsFault::Silent => Some("does the server speak TLS at this port, or plain MQTT (mqtt://)?"),

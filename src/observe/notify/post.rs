@@ -67,7 +67,7 @@ fn meaning(code: u16) -> &'static str {
         404 | 410 => ": is the path in `url` right?",
         405 => ": the server accepts no POST at this path",
         408 | 425 | 429 => ": the server is overloaded",
-        400..500 => ": the server does not accept such a message; does it expect another form (`body`)?",
+        400..500 => ": the server does not accept this message; if it expects another format, set `body`",
         502..505 => ": this server forwards messages to another server, which does not answer",
         500..600 => ": the server had an internal error",
         _ => ", which is not an expected answer",
@@ -124,13 +124,15 @@ impl From<ConnectError> for Failure {
 /// Returns the remedy for a TLS fault. `None` if the message of the fault is sufficient.
 fn remedy(fault: TlsFault) -> Option<&'static str> {
     Some(match fault {
-        TlsFault::OtherName => "write that name into `url`, or the path of this certificate into `ca`",
+        TlsFault::OtherName => {
+            "write the name in the certificate into `url`, or the path of this certificate into `ca`"
+        }
         TlsFault::UnknownAuthority => "write the path of the authority's certificate into `ca`",
         TlsFault::BadCertificate => "to trust a self-signed certificate, write its path into `ca`",
         TlsFault::OursMissing => {
             "messages are posted without a certificate; use a token instead (`token_file`)"
         }
-        TlsFault::NoTls => "does the server expect http?",
+        TlsFault::NoTls => "correct the port in `url`, or use http://",
         TlsFault::Silent => "does the server speak TLS?",
         _ => return None,
     })

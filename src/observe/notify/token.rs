@@ -19,7 +19,7 @@ pub fn read(path: &Path) -> Result<String, String> {
     let at = path.display();
     let cannot = |error: std::io::Error| match error.kind() {
         ErrorKind::NotFound => {
-            format!("the token file {at} is not there: write the token of the server into this file")
+            format!("the token file {at} does not exist: write the token of the server into this file")
         }
         _ => {
             format!("the token file {at} cannot be read: {}", safe_file::without_numbers(&error.to_string()))
@@ -27,7 +27,7 @@ pub fn read(path: &Path) -> Result<String, String> {
     };
     let file = safe_file::open(path).map_err(cannot)?;
     if file.metadata().map_err(cannot)?.mode() & OTHERS != 0 {
-        return Err(format!("the token file {at} is open to everybody on this computer: chmod 600 {at}"));
+        return Err(format!("the token file {at} is open to all users of this computer: run chmod 600 {at}"));
     }
     let mut text = String::new();
     let length = file.take(LONGEST + 1).read_to_string(&mut text).map_err(cannot)?;
@@ -56,7 +56,7 @@ mod tests {
     fn what_is_no_token_is_refused_in_words_and_nothing_of_it_is_quoted() {
         let home = tempfile::tempdir().unwrap();
         let path = home.path().join("notify.token");
-        assert!(read(&path).unwrap_err().contains("notify.token is not there: write the token"));
+        assert!(read(&path).unwrap_err().contains("notify.token does not exist: write the token"));
         let long = "secret".repeat(1000);
         for (text, mode, why) in [
             ("secret-token\n", 0o600, None),

@@ -43,7 +43,8 @@ impl Door {
             Ok(()) => Some(socket),
             Err(error) => {
                 tracing::warn!(
-                    "other users of this computer can reach the OPC UA server at {address}: {error}"
+                    "the internal port {address} of the OPC UA server is not protected from other users of \
+                     this computer: {error}"
                 );
                 None
             }

@@ -101,7 +101,7 @@ impl Refusal {
     pub(super) fn message(&self) -> Vec<u8> {
         let (status, why): (u32, &str) = match self {
             Refusal::NoMessage => (0x807E_0000, "the bytes are not an OPC UA message"),
-            Refusal::TooLarge => (0x8080_0000, "a part of a message is larger than agreed"),
+            Refusal::TooLarge => (0x8080_0000, "a chunk of a message is larger than negotiated"),
             Refusal::Policy => (0x8055_0000, "no endpoint of this server offers this security policy"),
             Refusal::Untrusted(_) => {
                 (0x801A_0000, "this server does not trust the certificate of the client")

@@ -28,7 +28,8 @@ impl DialDirection {
             DialDirection::Minus => Explained::new(
                 "the gauge moved to minus: the sign is WRONG, and every µm makes the error larger",
                 format!(
-                    "disarm {axis}, turn the sign of `scale` at its output (or the sign in the control), and check again"
+                    "disarm {axis}, change the sign of `scale` at its output (or the sign in the control), \
+                     and check again"
                 ),
             ),
             DialDirection::None => Explained::new(

@@ -18,8 +18,8 @@ pub struct FormerRegisterStatus {
     pub held_um: f64,
     /// Cz that a release has found in the register, µm. `None` if it equals the last verified Cz.
     pub found_um: Option<f64>,
-    /// Saved operator offset (part of the value that the operator entered) of a shared register, in the unit of the
-    /// register. `None` if the register is not shared.
+    /// Saved operator offset of a shared register: the part of its value that the operator entered, in the unit of
+    /// the register. `None` if the register is not shared.
     pub operator: Option<f64>,
     /// Maximum absolute Cz of the former axis, µm. `None` if an earlier version of isotherm has saved the state.
     pub limit_um: Option<f64>,

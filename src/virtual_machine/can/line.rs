@@ -89,7 +89,7 @@ impl Port {
         let socket = Socket::open(interface, &self.wanted).map_err(|fault| {
             io::Error::other(match fault {
                 Fault::Link(LinkFault::Can(CanFault::NoInterface)) => format!(
-                    "there is no such interface; a virtual one is created by: ip link add dev {interface} type \
+                    "there is no such interface; create a virtual one with: ip link add dev {interface} type \
                      vcan && ip link set {interface} up"
                 ),
                 Fault::Link(LinkFault::Can(CanFault::NoKernel)) => {

@@ -165,7 +165,7 @@ fn a_wrong_plant_file_says_where_and_what_is_allowed() {
     let unstable = good.replace("capacity = 4.0e4", "capacity = 40.0");
     let error = PlantSpec::parse(&unstable).unwrap_err().to_string();
     assert!(
-        error.contains("node.ram: links of 32 W/K in all are too much for a capacity of 40 J/K"),
+        error.contains("node.ram: links of 32 W/K in total are too much for a capacity of 40 J/K"),
         "{error}"
     );
 }

@@ -91,7 +91,11 @@ fn a_node_that_is_not_there_is_told_with_what_to_do() {
     assert!(ended.said.contains(&said), "{}", ended.said);
     for more in [&[][..], &["--register", "holding:0"]] {
         let ended = read(&server, more);
-        assert!(ended.said.contains("an OPC UA server has nodes: add --browse"), "{}", ended.said);
+        assert!(
+            ended.said.contains("an OPC UA server has nodes, not registers: add --browse"),
+            "{}",
+            ended.said
+        );
     }
 }
 
@@ -241,12 +245,13 @@ fn a_server_that_stamps_only_changes_is_told_with_the_key_that_says_so() {
     let home = tempfile::tempdir().unwrap();
     let ended = check(home.path(), &machine(server.port, ""));
     assert_eq!(ended.code, Some(1), "{}{}", ended.out, ended.said);
-    let hint = "to do: write source_time = \"changed\" at device cnc if the server stamps only changes\n";
+    let hint = "to do: if the server updates the timestamp only when the value changes, write source_time = \
+                \"changed\" at device cnc\n";
     for text in [&ended.out, &ended.said] {
-        assert!(text.contains("stale: stamped 9") && text.contains(" s ago by the server"), "{text}");
+        assert!(text.contains("stale: the server's timestamp is 9") && text.contains(" s old"), "{text}");
     }
     // The hint is below the signal only.
-    assert!(ended.out.contains(&format!(" s ago by the server\n      {hint}")), "{}", ended.out);
+    assert!(ended.out.contains(&format!(" s old\n      {hint}")), "{}", ended.out);
     assert!(!ended.said.contains("source_time"), "{}", ended.said);
     let changed =
         machine(server.port, "").replace("every = \"100ms\"", "every = \"100ms\"\nsource_time = \"changed\"");
@@ -282,7 +287,7 @@ fn a_scan_shows_what_a_server_offers_and_what_a_profile_says_to_take_the_best_of
     let none = typing(isotherm(given.path()).args(["scan", "--bus", "opc.tcp://127.0.0.1:1"]), "");
     assert_eq!(none.code, Some(1));
     assert!(
-        none.said.contains("no program listens at this port: is the port right (OPC UA has usually 4840)"),
+        none.said.contains("no program listens at this port: is the port right (usually 4840)"),
         "{}",
         none.said
     );

@@ -62,7 +62,7 @@ async fn a_full_session_table_is_told_with_what_to_do_and_is_over_when_a_place_i
     let fault = line.signals().await.unwrap_err();
     assert_eq!(fault, no_session(OpcUaFault::NoSession));
     let said = explain(fault);
-    assert!(said.contains("the server has no session left; close another client"), "{said}");
+    assert!(said.contains("the server has no free session; close another client"), "{said}");
     server.does("sessions 1");
     assert_eq!(line.signals().await, Ok([Ok(20.0), Ok(100.0)]));
 }
@@ -104,8 +104,8 @@ async fn a_server_that_refuses_a_channel_speaks_opc_ua_and_its_reason_is_reporte
         (vec![error(0x807d_0000)], OpcUaFault::NoChannel, "close another client"),
         (vec![welcome(), error(0x8081_0000)], OpcUaFault::NoChannel, "close another client"),
         (vec![welcome(), error(0x8055_0000)], OpcUaFault::NoList, "discovery"),
-        (vec![welcome(), Vec::new()], OpcUaFault::NotOpened, "no channel left"),
-        (vec![Vec::new()], OpcUaFault::NoAnswer, "no channel left"),
+        (vec![welcome(), Vec::new()], OpcUaFault::NotOpened, "no free channel"),
+        (vec![Vec::new()], OpcUaFault::NoAnswer, "no free channel"),
         (vec![error(0x8083_0000)], OpcUaFault::Refused(Status(0x8083_0000)), "BadTcpEndpointUrlInvalid"),
     ];
     for (answers, why, words) in cases {

@@ -254,6 +254,6 @@ fn a_running_gateway_has_an_alarm_of_a_certificate_that_expires_in_status_and_ch
     let alarm = alarms.as_array().unwrap().iter().find(is_it).unwrap_or_else(|| panic!("{alarms}"));
     assert_eq!(alarm["kind"], "certificate-expires");
     assert!(
-        alarm["text"].as_str().unwrap().contains("make both again (`isotherm opcua certificate PROFILE`)")
+        alarm["text"].as_str().unwrap().contains("create both again (`isotherm opcua certificate PROFILE`)")
     );
 }

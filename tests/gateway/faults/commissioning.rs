@@ -463,7 +463,7 @@ fn a_person_who_has_looked_at_a_device_confirms_it() {
         *said.borrow(),
         [
             Err("there is no device lathe; there are module, cnc".to_owned()),
-            done("cnc: nothing to confirm: no signal has jumped while the device was away"),
+            done("cnc: nothing to confirm: no signal jumped while the device was silent"),
             done("module: confirmed; the next values of bed are accepted"),
         ]
     );

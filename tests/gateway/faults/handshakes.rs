@@ -155,7 +155,7 @@ fn an_acknowledge_that_does_not_drop_is_reported_and_nothing_is_written_while_it
     let early = texts(&trace, "acknowledge-early");
     assert_eq!(
         early,
-        ["acknowledge signal of output cnc_z was up before the strobe signal and did not drop within 500 \
+        ["acknowledge signal of output cnc_z was set before the strobe signal and did not drop within 500 \
              ms (discrete:20); \
              check that the control's program drops the acknowledge signal when the strobe signal drops"],
         "{}",

@@ -134,7 +134,10 @@ fn a_candidate_that_is_not_better_or_was_compared_with_another_model_is_not_adop
     let other = Offer { compared_with: Some("learned-2025".to_owned()), ..offer("b", 6.9) };
     for (offer, words) in [
         (None, "no candidate has been learned yet"),
-        (Some(offer("a", 3.7)), "the candidate is not better: it would have left 3.8 µm instead of 3.7 µm"),
+        (
+            Some(offer("a", 3.7)),
+            "the candidate is not better: it would have left a residual error of 3.8 µm instead of 3.7 µm",
+        ),
         (Some(other), "was compared with another model"),
         (
             Some(Offer { judgement: Judgement::default(), ..offer("c", 6.9) }),

@@ -150,8 +150,8 @@ fn a_shared_register_that_becomes_the_gateways_alone_keeps_the_operators_offset_
             assert_eq!(told.len(), 2, "at the start, and with what the register holds: {told:#?}");
             let figures = [
                 format!(
-                    "output cnc_z was share ledger, {share:.1} µm from the gateway were verified in the \
-                     register; it is share whole"
+                    "output cnc_z has changed: from share ledger to share whole; {share:.1} µm from the \
+                     gateway were verified before the change"
                 ),
                 format!("the register holds {held:.1} µm now"),
             ];
@@ -160,7 +160,7 @@ fn a_shared_register_that_becomes_the_gateways_alone_keeps_the_operators_offset_
             let sample = trace.between(15, 16).next().unwrap();
             let why = &sample.status.axes[0].why;
             assert!(figures.iter().all(|figure| why.cause.contains(figure)), "{why:?}");
-            assert!(why.hint.as_ref().is_some_and(|hint| hint.contains("also the operator offset")));
+            assert!(why.hint.as_ref().is_some_and(|hint| hint.contains("including the operator offset")));
             assert!(sample.status.alarms.iter().any(|alarm| alarm.id == "place of output cnc_z"));
         }
         let [.., armed, after] = &traces[..] else { panic!() };
@@ -204,11 +204,9 @@ fn another_register_receives_nothing_while_the_former_one_keeps_its_value_and_th
                 "{left}"
             );
             let moved = told(trace, "output-moved");
-            assert!(moved[1].contains("output cnc_z was holding:104 (40105)"), "{moved:?}");
-            assert!(
-                moved[1].contains("it is holding:106 (40107); the register holds 0.0 µm now"),
-                "{moved:?}"
-            );
+            assert!(moved[1].contains("output cnc_z has changed: from holding:104 (40105)"), "{moved:?}");
+            let is = [" to holding:106 (40107); ", "; the register holds 0.0 µm now"];
+            assert!(is.iter().all(|part| moved[1].contains(part)), "{moved:?}");
             let alarms = &trace.between(15, 16).next().unwrap().status.alarms;
             let is_raised = |id: &str| alarms.iter().any(|alarm| alarm.id == id);
             assert!(
@@ -241,7 +239,7 @@ fn check_names_what_has_moved_beside_the_state_of_a_stopped_gateway() {
     changed.outputs[place].share = isotherm_profile::Share::Ledger;
     changed.signals[0].encoding.offset = 5.0;
     let moved = moved_since(directory.path(), &changed);
-    assert!(moved[0].contains("output cnc_z was share whole"), "{moved:#?}");
+    assert!(moved[0].contains("output cnc_z has changed: from share whole"), "{moved:#?}");
     changed.outputs.remove(place);
     let moved = moved_since(directory.path(), &changed);
     assert!(moved[0].contains("output cnc_z is no longer in the profile"), "{moved:#?}");
@@ -382,7 +380,7 @@ fn the_reference_of_a_signal_that_has_moved_is_captured_again() {
     let counts: Vec<usize> = traces.iter().map(|trace| trace.reported("reference-forgotten")).collect();
     assert_eq!(counts, [0, 1, 0], "{}", traces[1].lines());
     let told = &told(&traces[1], "reference-forgotten")[0];
-    assert!(told.contains("signal bed was offset 0, it is offset 5"), "{told}");
+    assert!(told.contains("signal bed has changed: from offset 0 to offset 5"), "{told}");
 }
 
 /// Bench with only the readout on its axis.
@@ -444,7 +442,7 @@ fn an_output_with_another_name_at_its_place_continues_from_its_value_also_in_a_s
         law::holds(trace);
         assert_eq!(trace.writes(name).len(), 0, "{}", trace.lines());
         let moved = told(trace, "output-moved");
-        let was = format!("output {name} was holding:104 (40105)");
+        let was = format!("output {name} has changed: from holding:104 (40105)");
         assert!(moved[0].contains(&was), "{was}: {moved:#?}");
     }
 }

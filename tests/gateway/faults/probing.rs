@@ -340,7 +340,7 @@ fn one_measured_error_that_arrives_ten_times_is_one_over_a_restart_and_a_kill_to
     let kinds: [(Make, &str); 3] = [
         (timed, "was accepted before with the same error; measure again"),
         (named, "the measurement with the id part-17/2 was accepted before; give each"),
-        (plain, "the same error arrived 3.0 s ago and counts once; send a `time` or an `id`"),
+        (plain, "the same error arrived 3.0 s ago, so this report is ignored; send a `time` or an `id`"),
     ];
     for (make, why) in kinds {
         let directory = tempfile::tempdir().unwrap();

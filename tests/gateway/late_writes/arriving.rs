@@ -197,7 +197,7 @@ fn too_late(kind: Kind, killed: Killed) {
         (Kind::Shared, _) => {
             // The operator confirms the division and corrects the register. The edit is no jump of the gateway, and
             // undoes this one.
-            came.program.running.receives("the gateway share in it is taken to be");
+            came.program.running.receives("the gateway share in it is assumed to be");
             came.is_left_alone();
             came.control.lock().unwrap().edits(stood - late);
             jumps = vec![(2 * stood - late, stood)];

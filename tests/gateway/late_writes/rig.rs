@@ -113,7 +113,7 @@ pub(crate) fn blames_nobody(name: &str, said: &[String]) {
     let blames = [
         "this gateway did not write",
         "the operator offset changed",
-        "is taken to be",
+        "is assumed to be",
         "to zero; the CNC",
         "off:",
     ];

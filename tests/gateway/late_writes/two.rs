@@ -30,7 +30,7 @@ fn of_two_gateways_at_one_shared_register_one_or_both_go_off_and_say_why() {
     let text = profile_of(&control, "2s", LEDGER);
     let mut both = [Program::start(&text), Program::start(&elsewhere(&text))];
     for program in &mut both {
-        program.running.receives("if the whole value is your own offset");
+        program.running.receives("if the whole value is the operator offset");
         program.is_armed();
     }
     // The machine warms and cools until one of them has detected the other.

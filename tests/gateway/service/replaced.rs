@@ -130,15 +130,17 @@ fn waits_for_a_person(before: impl FnOnce(String) -> String, change: (&str, &str
 #[test]
 fn a_register_that_becomes_the_gateways_alone_waits_for_a_person() {
     let shared = |text: String| text.replace("\"holding:10\"\n", "\"holding:10\"\nshare = \"ledger\"\n");
-    let words = ["z: off: output cnc_z was share ledger, 5.0 µm from the gateway", "holds 5.0 µm now"];
+    let words = [
+        "z: off: output cnc_z has changed: from share ledger to share whole; 5.0 µm from the gateway",
+        "holds 5.0 µm now",
+    ];
     waits_for_a_person(shared, ("share = \"ledger\"\n", ""), &words);
 }
 
 #[test]
 fn another_scale_waits_for_a_person() {
     let words = [
-        "z: off: output cnc_z was scale 0.1, 5.0 µm from the gateway",
-        "it is scale 0.2",
+        "z: off: output cnc_z has changed: from scale 0.1 to scale 0.2; 5.0 µm from the gateway",
         "holds 10.0 µm now",
     ];
     let change = ("10\"\ntype = \"i16\"\nscale = 0.1", "10\"\ntype = \"i16\"\nscale = 0.2");

@@ -82,7 +82,7 @@ fn a_measured_error_that_the_broker_delivers_twice_counts_once_after_a_kill_too(
     let learned = probe(&machine)["correction_um"].clone();
     // The error is so large that a second measurement must confirm it.
     for (payload, why) in [
-        (r#"{"axis":"z","error_um":-25}"#, "counts once; send a `time` or an `id`"),
+        (r#"{"axis":"z","error_um":-25}"#, "this report is ignored; send a `time` or an `id`"),
         (r#"{"axis":"z","error_um":-24,"id":"part-17/2"}"#, "the id part-17/2 was accepted before"),
     ] {
         let before = probe(&machine);

@@ -86,7 +86,7 @@ fn a_password_inside_tls_lets_in_and_what_is_wrong_is_said_in_words() {
             "ca = \"ca.pem\"",
             &authority.cert,
             "open sesame",
-            "is for another name: write that name into `broker`",
+            "is for another name: write the name in the certificate into `broker`",
         ),
         (&past, "ca = \"ca.pem\"", &authority.cert, "open sesame", "has expired"),
         (&picky, "ca = \"ca.pem\"", &authority.cert, "open sesame", "requires a certificate of the gateway"),

@@ -91,7 +91,7 @@ async fn without_a_body_each_service_rejects_the_message_with_a_hint() {
         let profile = profile(home.path(), recipe, port, token);
         let server = Server::of(&profile.notify[0], Err("nobody is trusted".to_owned()));
         let failure = server.post("{\"machine\":\"grinder-1\",\"kind\":\"started\"}").await.unwrap_err();
-        assert!(failure.to_string().contains("another form (`body`)"), "{failure}");
+        assert!(failure.to_string().contains("another format, set `body`"), "{failure}");
         let line: Value = serde_json::from_str(&chats.receives("\"service\"")).unwrap();
         assert_eq!(line["code"], 400, "{line}");
     }

@@ -246,7 +246,7 @@ fn alarms_stand_first_with_their_number_in_title_and_icon_and_lead_to_their_mome
     let first = "eval:document.querySelector('#alarms li .text').innerText.startsWith('axis z') && \
                  document.querySelector('#alarms').getBoundingClientRect().top < document.querySelector('#axes').getBoundingClientRect().top";
     let hint = "eval:[...document.querySelectorAll('.hint:not([hidden])')].filter((node) => \
-                node.innerText.includes('look at the sensor')).length === 1";
+                node.innerText.includes('check the sensor')).length === 1";
     let press = "eval:(document.querySelector('#alarms li .moment').click(), true)";
     let moment = "eval:document.activeElement.id === 'chart-z' && (({ searchParams: p }) => \
                   new Date(p.get('from')) < new Date('2026-07-02T11:50:00Z') && \

@@ -227,7 +227,7 @@ fn what_cannot_be_learnt_from_is_reported_by_identify_and_select() {
         (of(|number| day(number).replace(",z_error_um", ",left_um")), &["z_error_um", "left_um"]),
         (
             vec![("one.csv", day(1)), ("two.csv", day(2).replace(",z_error_um", ",left_um"))],
-            &["two has no number under z_error_um"],
+            &["two has no number in the column z_error_um"],
         ),
     ];
     for (logs, words) in cases {

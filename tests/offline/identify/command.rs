@@ -60,7 +60,7 @@ fn what_was_mended_is_written_beside_what_was_recorded_and_where_nothing_was_tha
     all[1].temperatures[2][90] += 5.0;
     let recorded = all[1].temperatures[2][90];
     let (said, is_good) = identify(home.path(), &bench(), &logs(&all), &["--mended", "new/mended"]);
-    assert!(is_good && said.contains("what was mended is in new/mended/day1.mended.csv"), "{said}");
+    assert!(is_good && said.contains("the repaired log is in new/mended/day1.mended.csv"), "{said}");
     let mut table = csv::Reader::from_path(home.path().join("new/mended/day1.mended.csv")).unwrap();
     let heads: Vec<String> = table.headers().unwrap().iter().map(str::to_owned).collect();
     assert_eq!(heads, ["time_s", "s0", "s1", "s2", "s3", "z_error_um", "s2_recorded"]);
@@ -71,7 +71,7 @@ fn what_was_mended_is_written_beside_what_was_recorded_and_where_nothing_was_tha
     assert_eq!(std::fs::read_dir(home.path().join("new/mended")).unwrap().count(), 1);
     let good = logs(&days(4, 23, 0.2));
     let (said, is_good) = identify(home.path(), &bench(), &good, &["--mended", "none"]);
-    assert!(is_good && said.contains("no sensor was mended"), "{said}");
+    assert!(is_good && said.contains("no sensor reading was repaired"), "{said}");
     // A run of a column may be called anything.
     let shift = |log: &String| log.replace(",z_error_um\n", ",z_error_um,shift\n");
     let one = (all.iter().zip(["mon/1", "mon/2", "tue/1", "tue/2"]))

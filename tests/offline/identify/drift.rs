@@ -94,7 +94,9 @@ fn a_test_that_is_asked_for_is_taken_and_what_does_not_fit_is_reported() {
     let table = reported(&spindle, Some(Test::Rotary));
     assert_eq!(table.stages.len(), 1, "a table's speed is a speed too");
     let still = reported(&log("hall_c,z_um", 120, |minute| format!("20,{minute}")), Some(Test::Spindle));
-    assert_eq!(still.remarks, ["no column shows which spindle or axis moved: the stages are not known"]);
+    let stages = "no column shows which spindle or axis moved: the run cannot be divided into stages. Log \
+                  the speed or the position";
+    assert_eq!(still.remarks, [stages]);
 }
 
 #[test]

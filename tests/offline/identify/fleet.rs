@@ -97,12 +97,12 @@ fn products_that_do_not_mean_the_same_are_not_added_and_why_is_said() {
     let fewer = Choice { without: vec!["s3".to_owned()], ..choice() };
     refused(
         &kept("mill-2", &days[1..], &fewer),
-        &["the products of mill-1 have the column s3 (degC) at once and 3 more, but those of mill-2 do not"],
+        &["products of mill-1 have the column s3 (degC) without lag and 3 more, but those of mill-2 do not"],
     );
     let slower = Choice { resample: std::time::Duration::from_mins(5), ..choice() };
     refused(
         &kept("mill-2", &days[1..], &slower),
-        &["rows are means over 60 s", "300 s in the products of mill-2"],
+        &["the averaging time of the rows (--resample) is 60 s", "300 s in the products of mill-2"],
     );
     refused(&before, &["run day0 of mill-1 is in both files: a run may occur only once"]);
     let order = ["s3", "s1", "s0", "s2"].map(str::to_owned).to_vec();

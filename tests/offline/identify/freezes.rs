@@ -196,7 +196,7 @@ fn a_sensor_that_is_frozen_for_more_than_a_quarter_of_the_time_is_left_out_and_w
     let (excluded, mended) = findings(&days);
     assert_eq!(mended, Vec::<String>::new());
     assert_eq!(excluded.len(), 2, "{excluded:?}");
-    let words = "and for 40 % of the time of all runs in total";
+    let words = "frozen for 40 % of the time of all runs in total";
     assert!(excluded.iter().all(|reason| reason.contains(words)), "{excluded:?}");
     let dataset = dataset(&logs(&days)).unwrap();
     let ready = ready(&profile(), &dataset, &rig::choice()).unwrap();

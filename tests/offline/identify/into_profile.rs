@@ -103,7 +103,7 @@ fn a_profile_that_somebody_changes_meanwhile_is_not_overwritten() {
     std::fs::write(home.join("bench.toml"), bench()).unwrap();
     let mut child = start(home, &[]);
     let (mut out, mut said, mut byte) = (child.stdout.take().unwrap(), Vec::new(), [0_u8]);
-    while !said.ends_with(b"Put it in?") {
+    while !said.ends_with(b"Write the model to the profile?") {
         out.read_exact(&mut byte).unwrap();
         said.extend(byte);
     }

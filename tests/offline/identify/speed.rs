@@ -137,9 +137,8 @@ fn of_one_run_a_model_without_the_speed_is_written_too() {
     let found = found(&logs(1));
     assert_eq!(found.fallbacks.iter().map(|own| own.without.as_str()).collect::<Vec<_>>(), ["rpm"]);
     assert!(found.means.worst_range_um.is_nan() && found.fallbacks[0].means.worst_range_um.is_nan());
-    assert!(
-        found.notes.remarks.iter().any(|reported| reported.contains("no sensor that fails can be replaced"))
-    );
+    let failed = "there is no replacement for a failed sensor";
+    assert!(found.notes.remarks.iter().any(|reported| reported.contains(failed)));
     let block = written(&found, "z", Outside::Agree);
     assert!(block.block.contains("\n# Used while rpm is lost.\n"), "{}", block.block);
     rig::pasted(&profile_with(&block.block), &block.files);

@@ -275,7 +275,7 @@ fn an_expected_error_that_is_missing_has_a_reason() {
     let [block, page] =
         ["z.toml", "z.html"].map(|name| std::fs::read_to_string(home.path().join(name)).unwrap());
     assert!(
-        block.contains("# No expected error: at least three runs are needed")
+        block.contains("# The expected error is not known: at least three runs are needed")
             && page.contains("Not known: at least three runs are needed")
     );
 }

@@ -53,7 +53,7 @@ fn includes_of_devices_and_without_end_are_refused_at_their_card() {
         ("zero.inp", "*HEADING\n*INCLUDE, INPUT=/dev/zero\n", ["zero.inp:2", "not a regular file"]),
         ("itself.inp", &itself, ["itself.inp:", "included more than 2 times"]),
         ("fan.inp", "*INCLUDE, INPUT=twenty.inp\n", ["twenty.inp:", "included more than 2 times"]),
-        ("deep.inp", "*INCLUDE, INPUT=deep0.inp\n", ["deep7.inp:1", "more than 8 files include each other"]),
+        ("deep.inp", "*INCLUDE, INPUT=deep0.inp\n", ["deep7.inp:1", "nested more than 8 levels deep"]),
     ] {
         let path = home.write(name, text);
         isotherm(&["place"], &path).is_refused(100_000, &words);

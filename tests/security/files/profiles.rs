@@ -175,9 +175,6 @@ fn a_small_network_that_asks_for_gigabytes_is_refused_before_it_gets_them() {
     let path = home.write("machine.toml", format!("{MACHINE}{network}"));
     isotherm(&["check"], &path).is_refused(
         size(&onnx),
-        &[
-            "machine.toml",
-            "node Add with the output `large` raises the count of computed numbers to 2500000000",
-        ],
+        &["machine.toml", "node Add with the output `large` makes the network too large: 2500000000"],
     );
 }

@@ -375,7 +375,7 @@ fn a_machine_whose_interface_is_missing_says_how_to_make_one() {
     }
     assert_eq!(
         reported,
-        "cannot listen at vm-none (bus `can`): there is no such interface; a virtual one is created by: \
+        "cannot listen at vm-none (bus `can`): there is no such interface; create a virtual one with: \
          ip link add dev vm-none type vcan && ip link set vm-none up"
     );
 }

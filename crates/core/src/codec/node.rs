@@ -39,7 +39,7 @@ impl Namespace {
     fn parse(text: &str) -> Result<(Namespace, &str), String> {
         let (by_uri, by_index) = (text.strip_prefix("nsu="), text.strip_prefix("ns="));
         let Some(rest) = by_uri.or(by_index) else { return Ok((Namespace::Index(0), text)) };
-        let ends = || format!("after the namespace, `{text}` has no `;` with the name of a node");
+        let ends = || format!("`{text}` has no `;` and no node after the namespace");
         let (name, rest) = rest.split_once(';').ok_or_else(ends)?;
         if by_index.is_some() {
             let wrong = |_| format!("the namespace of `{text}` is not a number from 0 to 65535");
@@ -178,7 +178,7 @@ impl FromStr for NodeId {
                 ));
             }
             "b" => Identifier::Opaque(name.to_owned()),
-            _ => return Err(format!("`{kind}=` is not a kind of node; allowed: i, s, g, b")),
+            _ => return Err(format!("`{kind}=` is not a type of node identifier; allowed: i, s, g, b")),
         };
         Ok(NodeId { namespace, identifier })
     }
@@ -268,7 +268,7 @@ mod tests {
         assert_eq!(uri, Namespace::Uri("urn:a;b%c".to_owned()));
         for (text, word) in [
             ("holding:104", "is not a node"),
-            ("ns=2", "no `;` with the name of a node"),
+            ("ns=2", "no `;` and no node after the namespace"),
             ("ns=65536;i=1", "is not a number from 0 to 65535"),
             ("ns=2;s=", "no name"),
             ("i=-1", "not a number from 0 to 4294967295"),
@@ -278,7 +278,7 @@ mod tests {
             ("b=M/R", "not Base64"),
             ("b=QR==", "not canonical Base64"),
             ("b=QUF=", "not canonical Base64"),
-            ("nsu=urn:plc", "no `;` with the name of a node"),
+            ("nsu=urn:plc", "no `;` and no node after the namespace"),
             ("nsu=;s=offset", "no URI after `nsu=`"),
             ("nsu=urn:50%;s=offset", "written as %25"),
             ("nsu=urn:a%20b;s=offset", "written as %25"),

@@ -97,8 +97,7 @@ impl FromStr for PcSensor {
         const FORMS: &str = "write \"w1:28-0316a2794f01\", \"hwmon:NAME/LABEL\" or \"iio:NAME/LABEL\"";
         if text.starts_with('/') {
             return Err(format!(
-                "`{text}` is a path, and the kernel assigns the numbers of hwmon and IIO again at each \
-                 start; {FORMS}"
+                "`{text}` is a path, and its numbers may change at each start of the computer; {FORMS}"
             ));
         }
         let (kind, rest) = text.split_once(':').ok_or_else(|| match is_rom_id(text) {
@@ -152,17 +151,17 @@ fn channel(text: &str, kind: &str) -> Result<Channel, String> {
     };
     let form = format!("write the names of chip and channel, as \"{kind}:NAME/LABEL\"");
     if chip.is_empty() || [device, label].contains(&Some("")) {
-        return Err(format!("something is missing in `{kind}:{text}`; {form}"));
+        return Err(format!("a name in `{kind}:{text}` is empty; {form}"));
     }
     if let Some(number) = [Some(chip), device].into_iter().flatten().find(|part| is_number(part)) {
         return Err(format!(
-            "`{number}` is a number that the kernel assigns again at each start, perhaps to another chip; \
-             {form}"
+            "`{number}` is not a fixed name: after the next start of the computer, it may belong to another \
+             chip; {form}"
         ));
     }
     if chip == PcSensor::ONE_WIRE_IN_HWMON {
         return Err(format!(
-            "`{chip}` is a 1-Wire sensor: in `{kind}` its checksum is not visible; write its ROM id, as \
+            "`{chip}` is a 1-Wire sensor: `{kind}` does not provide its checksum; write its ROM id, as \
              \"w1:28-0316a2794f01\""
         ));
     }
@@ -203,19 +202,19 @@ mod tests {
     #[test]
     fn what_is_no_name_is_refused_with_what_to_write() {
         for (text, words) in [
-            ("hwmon:hwmon3/temp1", "`hwmon3` is a number that the kernel assigns again at each start"),
-            ("hwmon:3/temp1", "`3` is a number"),
-            ("hwmon:lm75@hwmon3/temp1", "`hwmon3` is a number"),
-            ("hwmon:w1_slave_temp@28-0316a2794f01/temp1", "its checksum is not visible"),
-            ("iio:device0/temp", "`device0` is a number"),
-            ("iio:iio:device0/temp", "`iio:device0` is a number"),
+            ("hwmon:hwmon3/temp1", "`hwmon3` is not a fixed name: after the next start of the computer"),
+            ("hwmon:3/temp1", "`3` is not a fixed name"),
+            ("hwmon:lm75@hwmon3/temp1", "`hwmon3` is not a fixed name"),
+            ("hwmon:w1_slave_temp@28-0316a2794f01/temp1", "`hwmon` does not provide its checksum"),
+            ("iio:device0/temp", "`device0` is not a fixed name"),
+            ("iio:iio:device0/temp", "`iio:device0` is not a fixed name"),
             ("/sys/class/hwmon/hwmon3/temp1_input", "is a path"),
             ("28-0316a2794f01", "write \"w1:28-0316a2794f01\""),
             ("w1:w1_bus_master1", "is not a ROM id"),
             ("w1:28-0316a2", "is not a ROM id"),
             ("w1:29-0316a2794f01", "the family code 29"),
-            ("hwmon:", "something is missing"),
-            ("hwmon:lm75/", "something is missing"),
+            ("hwmon:", "a name in `hwmon:` is empty"),
+            ("hwmon:lm75/", "a name in `hwmon:lm75/` is empty"),
             ("input:0", "is not a kind of computer sensor"),
             ("bed", "does not name a sensor of the computer"),
         ] {

@@ -350,7 +350,7 @@ impl FromStr for TextPattern {
             "write {number}, {number.4}, {number 8}, {skip 2}, {any}, {any 2}, {unit} or {sum} in braces";
         if text.contains(['\r', '\n']) {
             return Err(
-                "a line is matched without its end (carriage return, line feed); leave out \\r and \\n"
+                "the pattern contains a line end (carriage return, line feed); leave out \\r and \\n"
                     .to_owned(),
             );
         }
@@ -374,7 +374,7 @@ impl FromStr for TextPattern {
             let (word, behind) =
                 word.ok_or_else(|| format!("a brace in {} has no matching brace; {FORMS}", Quoted(text)))?;
             if word == "sum" {
-                return Err("a checksum is at the end of a line; write {sum} last".to_owned());
+                return Err("{sum} is not at the end of the pattern; write {sum} last".to_owned());
             }
             let part = part(word, &mut pattern.point);
             pattern.parts.push(part.ok_or_else(|| format!("`{{{word}}}` is unknown; {FORMS}"))?);
@@ -384,7 +384,8 @@ impl FromStr for TextPattern {
         pattern.parts.retain(|part| !matches!(part, Part::Skip(0) | Part::Any(Some(0))));
         if pattern.parts.len() > MOST_PARTS {
             return Err(format!(
-                "the pattern has more than {MOST_PARTS} parts; write {{skip 2}} for two numbers"
+                "the pattern has more than {MOST_PARTS} parts; use fewer, for example one {{skip 2}} for \
+                 two numbers"
             ));
         }
         let is_too_narrow = |part: &Part| match *part {
@@ -410,7 +411,7 @@ impl FromStr for TextPattern {
         }
         if count(|part| matches!(part, Part::Any(None))) > 1 {
             return Err(format!(
-                "{} has several {{any}}; write it once, and elsewhere the number of characters: {{any 2}}",
+                "{} has several {{any}}; write it once, and give the others a length, for example {{any 2}}",
                 Quoted(text)
             ));
         }

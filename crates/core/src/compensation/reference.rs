@@ -33,8 +33,8 @@ pub struct Machine {
     /// Running time of the machine before `on_since`. It was counted before a restart of the gateway.
     #[serde(default)]
     on_before: Duration,
-    /// Largest possible total time, since machine start, during which the gateway did not run. This time is not part of
-    /// the running time.
+    /// Total time since machine start in which the gateway did not run. It is the upper limit, because the clock does
+    /// not show this time exactly. The running time of the machine does not include it.
     #[serde(default, skip_serializing_if = "Duration::is_zero")]
     on_away: Duration,
     was_on: Option<bool>,
@@ -99,7 +99,8 @@ struct CaptureMean {
 pub struct MachineChange {
     /// Whether a machine start was detected. The time since machine start is counted from this snapshot on.
     pub started: bool,
-    /// Whether a zero command was detected. The "zero" references are captured from this snapshot on.
+    /// Whether a zero command was detected. This snapshot is the first from which the references
+    /// [`Reference::Zero`] are captured.
     pub zeroed: bool,
 }
 

@@ -167,17 +167,19 @@ impl fmt::Display for Doubt {
         f.write_str(match self {
             Doubt::ChangedMeanwhile => "the register changed while a write of the gateway was under way",
             Doubt::YoursOrOurs => {
-                "the register changed: by the operator, or by a very late write of the gateway"
+                "the register changed: either the operator wrote to it, or a very late write of the gateway \
+                 arrived"
             }
             Doubt::ZeroOrOurs => {
-                "the register fell to zero: by a restart of the CNC, or by a write of the gateway"
+                "the register is zero: either the CNC was restarted, or the gateway wrote this value"
             }
-            Doubt::Rebooted => "the register holds another value since a restart of the CNC",
+            Doubt::Rebooted => "the CNC was restarted, and the register has an unexpected value",
             Doubt::LikeOurOwn => {
-                "two writes without an answer were each followed by a change of exactly the size of the write"
+                "twice in a row, a write was not acknowledged, and then the register changed by exactly the \
+                 amount of the write"
             }
             Doubt::Unsteady => {
-                "the register held another value than written, twice in a row: the control limits the value, \
+                "twice in a row, the register did not hold the written value: the control limits the value, \
                  or a second gateway writes to the register"
             }
             Doubt::SecondGateway => {
@@ -190,9 +192,7 @@ impl fmt::Display for Doubt {
             Doubt::Restored => {
                 "the register ledger is from a backup, and later writes may be missing from it"
             }
-            Doubt::Elsewhere => {
-                "the entry in the register ledger is for another register, or for counts of another size"
-            }
+            Doubt::Elsewhere => "the entry in the register ledger is for another register, type or scale",
         })
     }
 }

@@ -40,7 +40,7 @@ impl HandshakeFault {
     /// Returns the failure as a text for the status of the output.
     pub const fn message(self) -> &'static str {
         match self {
-            HandshakeFault::AcknowledgeEarly => "the acknowledge signal is up before the strobe signal",
+            HandshakeFault::AcknowledgeEarly => "the acknowledge signal is set before the strobe signal",
             HandshakeFault::StrobeNotWritten => "the strobe signal could not be written",
             HandshakeFault::AcknowledgeMissing => "the acknowledge signal did not come",
             HandshakeFault::AcknowledgeNotRead => "the acknowledge signal could not be read",
@@ -65,7 +65,7 @@ impl HandshakeFault {
         let flag = if self.is_of_the_strobe() { "strobe signal" } else { "acknowledge signal" };
         let failed = match self {
             HandshakeFault::AcknowledgeEarly => {
-                format!("was up before the strobe signal and did not drop {cause} ({register})")
+                format!("was set before the strobe signal and did not drop {cause} ({register})")
             }
             HandshakeFault::AcknowledgeMissing => format!("did not come {cause} ({register})"),
             HandshakeFault::AcknowledgeStuck => {

@@ -104,8 +104,8 @@ fn saves_only_what_it_must(state: &mut State, settings: &Settings) {
     state.disk.is_unsaved &= settings.promises() || has_to_begin;
 }
 
-/// Returns the value to send for the requested change, or the reason why no value is sent. `None` if no change is
-/// requested or allowed.
+/// Returns the value to send for the requested change. `Aim` also states why a requested change is not sent now. `None`
+/// if no change is requested, or if the output is in a state in which nothing may be sent (for example not armed).
 fn change(state: &State, settings: &Settings, now: Moment) -> Option<Aim> {
     let order =
         state.order.filter(|order| now <= order.not_after || !settings.rules.has(Rule::LastMoment))?;

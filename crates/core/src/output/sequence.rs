@@ -30,7 +30,7 @@ impl Sequence {
         self.newest.as_ref().map(|(newest, _)| *newest)
     }
 
-    /// Returns the number for the next set.
+    /// Returns the number for the next output set: the newest number plus one. The state does not change.
     pub(super) fn next(&self) -> u16 {
         next(self.newest.as_ref().map_or(0, |(newest, _)| *newest))
     }

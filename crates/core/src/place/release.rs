@@ -80,7 +80,7 @@ impl Bounds {
     }
 }
 
-/// Progress of a release.
+/// Progress of the release of a register (see [`Release`]).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Stage {

@@ -308,7 +308,9 @@ impl Dialect {
             return self.wall.of_day(nanos, last);
         }
         if let Some(name) = unit.of_a_count() {
-            return Err(format!("`{text}` is a date, and this column counts {name}; name the column `time`"));
+            return Err(format!(
+                "`{text}` is a date, but the unit of this column is {name}; rename the column to `time`"
+            ));
         }
         let read = time::parse(text);
         if read.is_ok() {
@@ -383,7 +385,7 @@ fn by_mark(text: &str, mark: DecimalMark) -> Result<Cow<'_, str>, String> {
     if whole.contains(thousands) && !has_groups(whole, thousands) {
         let (name, other) = (mark.name(), mark.other().name());
         let hint = match text.matches(thousands).count() == 1 && fraction.is_none() {
-            true => format!(": is the decimal mark --decimal {other}?"),
+            true => format!("; if the {other} is the decimal mark, state --decimal {other}"),
             false => String::new(),
         };
         return Err(format!(

@@ -18,7 +18,7 @@ pub fn parse(text: &str) -> Result<Moment, String> {
     }
     if text.contains(',') {
         return Err(format!(
-            "`{text}` has a comma; write seconds with a decimal point, and without separators of thousands"
+            "`{text}` has a comma; write seconds with a decimal point, and without thousands separators"
         ));
     }
     if text.starts_with('-') {

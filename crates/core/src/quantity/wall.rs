@@ -384,9 +384,10 @@ impl Wall {
                 let before = self.first_pass.take().map(|before| wall.duration_since(before));
                 if before.is_some_and(|passed| passed > SignedDuration::ZERO && passed < NEXT_ROW) {
                     return Err(format!(
-                        "{wall} follows the end of summer time, but the hour before occurs only once. The clock of this \
-                         log was not set back, or the log begins in that hour. State its offset: --zone {offset}:00 for \
-                         a clock on winter time, or one hour more for a clock on summer time"
+                        "{wall} is just after the end of summer time, but the log contains the repeated \
+                         hour only once. The clock of this log was not set back, or the log begins in \
+                         that hour. State the UTC offset of the clock: --zone {offset}:00 for winter time, \
+                         or one hour more for summer time"
                     ));
                 }
                 at(offset)
@@ -401,8 +402,9 @@ impl Wall {
                 Ok(first)
             }
             AmbiguousOffset::Gap { .. } => Err(format!(
-                "{} has no {wall}: the clocks of this zone were set forward over this time. Is this the zone of \
-                 the log? For a clock without summer time, write --zone +01:00",
+                "{wall} does not exist in {}: the clocks of this zone were set forward at that time. Check \
+                 the zone of the log. For a clock without summer time, write its offset, for example \
+                 --zone +01:00",
                 zone.iana_name().unwrap_or("the zone")
             )),
         }

@@ -76,8 +76,9 @@ fn since_cold(cold: &[Touch], touch: &Touch, along: usize) -> Result<Option<Move
     let by = [0, 1, 2].map(|direction| 1000.0 * (touch.at_mm[direction] - mean(direction)));
     if let Some(far) = (0..3).find(|direction| by[*direction].abs() > NO_DRIFT) {
         return Err(format!(
-            "ball {} is {:.3} mm away from its position in the cold round, along {}. This is too far for a \
-             drift. Are the balls numbered as in the first round, and are the coordinates in mm?",
+            "ball {} is {:.3} mm away from its position in the cold round, along {}. This is too much \
+             for a thermal drift. Check that the balls are numbered as in the first round, and that the \
+             coordinates are in mm",
             touch.ball,
             by[far] / 1000.0,
             DIRECTIONS[far]

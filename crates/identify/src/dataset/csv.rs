@@ -54,7 +54,7 @@ pub(super) fn from_text(
         return tidy.read((file, names.as_slice(), &head), &mut reader, dialect, (split, uses));
     }
     let no_time = format!(
-        "there is no column time (seconds or 2026-01-31T12:00:00Z), time_s or time_min; there are {}",
+        "there is no column time (seconds or 2026-01-31T12:00:00Z), time_s or time_min; the columns are {}",
         quoted(&names.join(", "))
     );
     let by = split.column.as_deref();

@@ -262,7 +262,7 @@ impl fmt::Display for Explanation {
             writeln!(f, "\nline {line}: {time}\n  {}", values.join("  "))?;
         }
         if !self.errors.is_empty() {
-            writeln!(f, "\nerrors, if the columns are used:")?;
+            writeln!(f, "\nerrors that occur if the columns are used:")?;
         }
         self.errors.iter().try_for_each(|error| writeln!(f, "  {error}"))
     }

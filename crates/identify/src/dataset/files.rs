@@ -21,7 +21,7 @@ pub(super) fn logs(named: &[PathBuf], wrong: &mut Vec<String>, remarks: &mut Vec
         if is_of_outputs(name) {
             wrong.push(format!(
                 "{} is a log of outputs, which contains no measured values: use the log in the same directory \
-                 whose name has only the ending .csv",
+                 whose name ends with .csv, without .outputs",
                 name.display()
             ));
             continue;
@@ -55,15 +55,15 @@ const TEXTS: [&str; 8] = ["txt", "tsv", "tab", "dat", "asc", "log", "prn", "lvm"
 const UNREAD: [(&[&str], &str); 3] = [
     (
         &["xls", "xlsb", "ods"],
-        "this kind of workbook is not read: save the sheet with the log as .xlsx or as CSV",
+        "this kind of workbook is not supported: save the sheet with the log as .xlsx or as CSV",
     ),
     (
         &["zip", "7z", "rar", "tar", "tgz", "bz2", "xz", "zst"],
-        "an archive is not read: extract the logs from it",
+        "archives are not supported: extract the logs from it",
     ),
     (
         &["mf4", "mdf", "blf", "tdms", "feather", "arrow", "h5", "hdf5", "mat", "pkl", "sqlite", "db"],
-        "this format is not read: export it as CSV or Parquet",
+        "this format is not supported: export it as CSV or Parquet",
     ),
 ];
 
@@ -99,7 +99,7 @@ fn use_of(path: &Path) -> Use {
         _ if TEXTS.contains(&ending) => match is_log(path) {
             true => Use::Log,
             false => Use::Unread(
-                "the file has no line of column names with a time column, followed by rows of numbers. \
+                "the file has no header line: column names with a time column, followed by rows of numbers. \
                  `isotherm logs explain` shows how the file is read"
                     .to_owned(),
             ),
@@ -200,12 +200,12 @@ mod tests {
     fn files_that_are_no_logs_are_named_with_the_remedy() {
         for (name, text, why) in [
             ("old.xls", "x", "save the sheet with the log as .xlsx or as CSV"),
-            ("old.XLS", LOG, "this is a log as text: rename it to a name that ends with .csv"),
+            ("old.XLS", LOG, "this log is a text file: rename it to a name that ends with .csv"),
             ("day.dat", "PAR1", "rename it to a name that ends with .parquet"),
             ("old.ods", "x", "save the sheet"),
             ("week.zip", "x", "extract the logs"),
             ("can.mf4", "x", "export it as CSV or Parquet"),
-            ("notes.txt", "the door was open on Monday\n", "the file has no line of column names"),
+            ("notes.txt", "the door was open on Monday\n", "the file has no header line"),
             ("service.log", "2026-01-05 06:00:00 INFO started\n", "isotherm logs explain"),
             ("names.txt", "time\tbed\n", "followed by rows of numbers"),
         ] {

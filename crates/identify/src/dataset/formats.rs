@@ -40,7 +40,7 @@ fn read_by_ending(file: &Path, split: &Split, uses: Uses<'_>) -> Result<Table, B
         #[cfg(not(feature = "tables"))]
         "xlsx" | "xlsm" => Err(not_built(file, "workbooks", "tables")),
         "xls" | "xlsb" | "ods" => Err(BadLog(vec![format!(
-            "{}: this kind of workbook is not read: save the sheet with the log as .xlsx or as CSV",
+            "{}: this kind of workbook is not supported: save the sheet with the log as .xlsx or as CSV",
             file.display()
         )])),
         _ => csv::read(file, split, uses),

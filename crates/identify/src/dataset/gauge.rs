@@ -21,7 +21,7 @@ pub(super) fn add(
 ) -> Result<(), BadLog> {
     let refused = |why: String| BadLog(vec![format!("{}: {why}", file.display())]);
     if dataset.column(error).is_some() {
-        let why = "already: leave --gauge out, or name another column with --error";
+        let why = "already: do not use --gauge, or name another column with --error";
         return Err(refused(format!("the logs have a column {error} {why}")));
     }
     let split = Split { column: None, gap: None, ..split.clone() };
@@ -70,7 +70,7 @@ pub(super) fn add(
             [span(&mut gauge.times.iter()), span(&mut dataset.runs.iter().flat_map(|run| &run.times))];
         return Err(refused(format!(
             "no log row is within {shown} of a reading of the gauge. The times of the gauge are {of_gauge}; \
-             the times of the logs are {of_logs}. Are the time zone (--zone) and the clocks right?"
+             the times of the logs are {of_logs}. Check the time zone (--zone) and the clocks"
         )));
     }
     if let Some(first) = far.first() {

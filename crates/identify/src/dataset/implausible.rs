@@ -218,7 +218,7 @@ impl Wrong {
     /// Returns the remark about the values that were left out. `is_bridged` is true if a gap was bridged by a straight
     /// line.
     pub(super) fn left_out(&self, is_bridged: bool) -> String {
-        let done = if is_bridged { "; gaps of up to 5 min were bridged by straight lines" } else { "" };
+        let done = if is_bridged { "; gaps of up to 5 min were filled by linear interpolation" } else { "" };
         format!("{}: left out{done}", self.text)
     }
 }

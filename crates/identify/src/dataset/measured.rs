@@ -35,7 +35,7 @@ pub(super) fn in_file(
         Ok(mut table) => leave_out(&mut table, split, units),
         Err(BadLog(why)) => {
             let why = why.first().map(String::as_str).unwrap_or_default();
-            let remark = format!("the measured error was not searched for implausible values: {why}");
+            let remark = format!("the measured error was not checked for implausible values: {why}");
             Ok(Implausible { remarks: vec![remark], ..Implausible::default() })
         }
     }

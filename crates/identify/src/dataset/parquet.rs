@@ -66,7 +66,8 @@ fn from_file(path: &Path, file: File, split: &Split, uses: Uses<'_>) -> Result<T
     let names: Vec<String> = columns.iter().map(name).collect();
     check_header(&names).map_err(refused)?;
     let there_are = names.join(", ");
-    let no_time = format!("there is no column time, time_s or time_min; there are {}", quoted(&there_are));
+    let no_time =
+        format!("there is no column time, time_s or time_min; the columns are {}", quoted(&there_are));
     let dialect = Dialect::of("", split.zone.clone()).with(split.decimal, split.dates);
     let choice = (split.column.as_deref(), split.time_unit);
     let table = Reader::new(path, names, ("row", dialect), choice, uses);

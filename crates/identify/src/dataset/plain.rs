@@ -277,7 +277,7 @@ mod tests {
         assert!(said.contains("more than 5 % of the values"), "{said}");
         let said = found_in(|row| (row == 40).then_some("hot")).unwrap().remarks.join("; ");
         assert!(
-            said.contains("was not searched for implausible values")
+            said.contains("the measured error was not checked for implausible values")
                 && said.contains("`hot` is not a number"),
             "{said}"
         );

@@ -130,7 +130,7 @@ fn parts(table: &Table, labels: Option<&Labels<'_>>, split: &Split) -> Result<Ve
     for end in (1..rows).filter(ends).chain([rows]) {
         if parts.len() == MOST_RUNS {
             return Err(BadLog(vec![format!(
-                "{}, line {}: more than {MOST_RUNS} runs: is --run-column or --gap right?",
+                "{}, line {}: more than {MOST_RUNS} runs: check --run-column and --gap",
                 table.file.display(),
                 table.lines.of(first)
             )]));
@@ -208,7 +208,7 @@ fn labels<'t>(table: &'t Table, name: &str) -> Result<Labels<'t>, BadLog> {
         None => {
             let known: Vec<&str> = table.columns.iter().map(|(name, _)| name.as_str()).collect();
             Err(BadLog(vec![format!(
-                "{}: there is no column {name}, by which the file is to be divided into runs; there are {}",
+                "{}: there is no column {name}, which --run-column names; the columns are {}",
                 table.file.display(),
                 known.join(", ")
             )]))

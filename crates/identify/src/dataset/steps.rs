@@ -44,7 +44,8 @@ fn step_in_question(times: &[f64]) -> Option<f64> {
 pub(super) fn question(name: &str, times: &[f64]) -> Option<String> {
     let step = step_in_question(times)?;
     Some(format!(
-        "the rows are {step} s apart if column {} is in seconds: state the unit of the times with --time-unit s, ms or min",
+        "if column {} is in seconds, the rows are {step} s apart: state the unit of the times with \
+         --time-unit s, ms or min",
         quoted(name)
     ))
 }

@@ -535,11 +535,12 @@ impl Reader {
                     Some(row) => {
                         let (line, word) = (self.table.lines.of(row), self.table.word(name, row));
                         format!(
-                            "{} {line}: `{word}` is not a measured value, and no {} has a value",
+                            "{} {line}: `{word}` is not a measured value, and no {} of this column \
+                             has a value",
                             self.row, self.row
                         )
                     }
-                    None => "it has no values".to_owned(),
+                    None => "the column has no values".to_owned(),
                 };
                 self.table.lost.push((name.to_owned(), why));
             }

@@ -67,7 +67,7 @@ fn a_file_is_split_by_a_column_or_a_gap() {
     let reported = read(log, &missing).unwrap_err().to_string();
     assert_eq!(
         reported,
-        "day.csv: there is no column cycle, by which the file is to be divided into runs; there are t1, part"
+        "day.csv: there is no column cycle, which --run-column names; the columns are t1, part"
     );
 }
 
@@ -85,7 +85,7 @@ fn missing_cells_are_missing_and_decimal_commas_are_reported() {
     assert!(values[0].is_nan() && values[1..] == [20.5]);
     let reported = read("t1,t2\n0,20\n", &Split::default()).unwrap_err().to_string();
     assert!(
-        reported.contains("line 1: there is no column time") && reported.contains("there are t1, t2"),
+        reported.contains("line 1: there is no column time") && reported.contains("the columns are t1, t2"),
         "{reported}"
     );
 }
@@ -283,7 +283,7 @@ fn a_column_of_messages_only_is_named_with_the_first_of_them() {
     let found = read("time,bed,air\n0,,20\n60,OL,21\n", &Split::default()).unwrap();
     assert_eq!(
         found.lost[0].message,
-        "day.csv, line 3: `OL` is not a measured value, and no line has a value"
+        "day.csv, line 3: `OL` is not a measured value, and no line of this column has a value"
     );
 }
 
@@ -293,7 +293,7 @@ fn an_overload_of_a_temperature_is_bridged_and_the_column_stays_a_temperature() 
     let found = read_used(&log, &Split::default(), &every_column).unwrap();
     assert!(log.contains("9.9E+37"), "{log}");
     assert!((found.runs[0].values[1].at(40) - 21.2).abs() < 1e-9, "{:?}", found.runs[0].values[1].at(40));
-    assert!(found.remarks.join("; ").contains("bridged by straight lines"), "{:?}", found.remarks);
+    assert!(found.remarks.join("; ").contains("filled by linear interpolation"), "{:?}", found.remarks);
     let values = [[20.0; 60].as_slice(), &[9.9e37]].concat();
     assert_eq!(Kind::guess("spindle", None, values.into_iter()), Kind::Temperature);
     let many = [[20.0; 60].as_slice(), &[9.9e37; 20]].concat();

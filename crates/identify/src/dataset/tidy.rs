@@ -171,7 +171,7 @@ impl Long {
             Some(place) => *place,
             None if sensor.is_empty() => return Err("the name of the sensor is missing".to_owned()),
             None if self.headers.len() + 1 >= MOST_COLUMNS => {
-                return Err(format!("more than {MOST_COLUMNS} different names of sensors"));
+                return Err(format!("more than {MOST_COLUMNS} sensor names: check the sensor column"));
             }
             None => {
                 let unit = if unit.is_empty() { String::new() } else { format!(" [{unit}]") };

@@ -59,8 +59,8 @@ fn log_of(bytes: Vec<u8>, stated: Option<DecimalMark>) -> Result<Vec<u8>, String
         let Some(line) = head::line_of_names(&text) else { continue };
         if let Some((row, number)) = unclear.filter(|(row, _)| *row as usize > line) {
             return Err(format!(
-                "sheet {name}, line {}: the text `{number}` is a number with a decimal comma, or in thousands. State the \
-                 decimal mark with --decimal comma or --decimal point",
+                "sheet {name}, line {}: the comma in `{number}` can be a decimal mark or a thousands \
+                 separator. State the decimal mark with --decimal comma or --decimal point",
                 row + 1
             ));
         }
@@ -130,7 +130,7 @@ impl Lines {
             return Err(format!("more than {MOST_ROWS} rows or {MOST_COLUMNS} columns"));
         }
         if row < self.row || (row == self.row && column < self.column) {
-            return Err("its cells are not in order: save the sheet as CSV".to_owned());
+            return Err("the cells of this sheet are not in order: save the sheet as CSV".to_owned());
         }
         if row > self.row {
             self.end();

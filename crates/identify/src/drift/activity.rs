@@ -99,7 +99,11 @@ pub(super) fn likeness<'a>(
         (Some(_), _) => "as requested".to_owned(),
     };
     if mover.is_none() && test != Test::Etve {
-        remarks.push("no column shows which spindle or axis moved: the stages are not known".to_owned());
+        remarks.push(
+            "no column shows which spindle or axis moved: the run cannot be divided into stages. Log the \
+             speed or the position"
+                .to_owned(),
+        );
     }
     (test, mover, because)
 }

@@ -102,12 +102,12 @@ pub(crate) fn mend<'a>(logs: &'a Dataset, columns: &[usize], frozen: &[Frozen]) 
                 mending.faults.push(fault);
             }
             (Some(None), _) => {
-                excluded.push(fault.finding(logs, ", and the readings of this sensor cannot be repaired,"))
+                excluded.push(fault.finding(logs, " (the readings of this sensor cannot be repaired)"))
             }
             _ => {
                 let share = shares.get(&fault.column).copied().unwrap_or_default();
                 let more = match fault.damage.is_frozen() && share > MASKED {
-                    true => format!(", and for {:.0} % of the time of all runs in total,", 100.0 * share),
+                    true => format!(" (frozen for {:.0} % of the time of all runs in total)", 100.0 * share),
                     false => String::new(),
                 };
                 excluded.push(fault.finding(logs, &more));
@@ -269,7 +269,7 @@ fn over_spikes(run: &Run, fault: &Fault) -> Replaced {
     fault.rows.iter().for_each(|row| values[*row] = f64::NAN);
     let lines = bridged(&seconds, &values);
     fault.rows.iter().for_each(|row| values[*row] = lines[*row]);
-    let message = "these minutes were bridged by straight lines".to_owned();
+    let message = "these minutes were filled by linear interpolation".to_owned();
     Replaced { values, message, error: 0.0 }
 }
 

@@ -101,8 +101,8 @@ impl Likeness<'_> {
         says.sort_by(|one, other| other.0.total_cmp(&one.0));
         let mostly = says.iter().take(2).map(|(_, neighbour)| self.dataset.columns[*neighbour].name.as_str());
         let message = format!(
-            "the constant readings were rebuilt, mostly from {}, with an error of ± {error:.2} °C in the same \
-             repair of good runs",
+            "the constant readings were rebuilt, mostly from {}; in a test of this repair on good runs, the \
+             error was ± {error:.2} °C",
             mostly.collect::<Vec<&str>>().join(" and ")
         );
         let mut values = self.dataset.runs[run].values[self.column].to_vec();

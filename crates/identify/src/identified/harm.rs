@@ -34,7 +34,7 @@ impl Identified {
         }
         let harmful = self.fallbacks.iter().filter(|fallback| is_harmful(&fallback.means));
         let sentence = |fallback: &Fallback| {
-            let model = format!("the model without {}", fallback.without);
+            let model = format!("the fallback model without {}", fallback.without);
             format!("{}: this model is not written", self.leaves_worse(&model, &fallback.means))
         };
         let sentences: Vec<String> = harmful.map(sentence).collect();
@@ -50,8 +50,8 @@ impl Identified {
         let means = self.unprobed();
         let own = [("the model".to_owned(), &means)];
         let fallbacks = self.fallbacks.iter();
-        let fallbacks =
-            fallbacks.map(|fallback| (format!("the model without {}", fallback.without), &fallback.means));
+        let fallbacks = fallbacks
+            .map(|fallback| (format!("the fallback model without {}", fallback.without), &fallback.means));
         let harmful = own.into_iter().chain(fallbacks).filter(|(_, means)| is_harmful(means));
         let warning = |(model, means): (String, &Means)| {
             format!(

@@ -57,7 +57,7 @@ fn seal(record: &Record) -> Result<String, String> {
 /// # Errors
 /// Returns a message if the file is invalid or was changed.
 pub(super) fn read_record(bytes: &[u8]) -> Result<Record, String> {
-    let file: File = serde_json::from_slice(bytes).map_err(|why| format!("no learning record: {why}"))?;
+    let file: File = serde_json::from_slice(bytes).map_err(|why| format!("not a learning record: {why}"))?;
     if file.format != FORMAT || file.version != VERSION {
         return Err(format!("the file is not a learning record of version {VERSION}"));
     }

@@ -63,7 +63,7 @@ fn returns(campaign: &Campaign<'_>, name: &str) -> Result<(), String> {
     }
     Err(format!(
         "{name} rarely returns to an earlier position ({once} of {rows} rows are the first row at their \
-         position). The error at a position is counted from its first row there; positions are rounded to a \
-         millimetre. Measure repeatedly at the same few positions, beginning with the cold machine"
+         position). The error at a position is counted from the first row at this position; positions are \
+         rounded to 1 mm. Measure repeatedly at the same few positions, beginning with the cold machine"
     ))
 }

@@ -98,7 +98,7 @@ impl Settings {
         }
         if self.sensors.is_some() && self.prior.is_some() {
             return Err(
-                "--sensors selects sensors, but the model after --prior already has its own sensors: use only \
+                "--sensors selects sensors, but the model of --prior already has its own sensors: use only \
                  one of these options"
                     .to_owned(),
             );

@@ -98,8 +98,8 @@ pub(crate) fn check_prior(campaign: &Campaign<'_>, bank: &Bank, prior: &[PriorTe
         return Ok(());
     }
     Err(format!(
-        "the model of --prior leaves {left:.2} µm RMS on these logs, and no compensation leaves {none:.2} µm. \
-         With this prior, the new model would be worse: leave --prior out"
+        "with the model of --prior, the residual error on these logs is {left:.2} µm RMS; without \
+         compensation, it is {none:.2} µm. This prior would make the new model worse: leave --prior out"
     ))
 }
 
@@ -111,7 +111,7 @@ pub(crate) fn known(campaign: &Campaign<'_>, prior: &[PriorTerm]) -> Result<Vec<
     foreign.dedup();
     if !foreign.is_empty() {
         return Err(format!(
-            "the model after --prior has terms of {}, but there is no input with this name. In the file of \
+            "the model of --prior has terms of {}, but there is no input with this name. In the file of \
              that model, use the signal names of the profile, or remove these terms",
             foreign.join(", ")
         ));

@@ -108,7 +108,7 @@ fn remarks(column: &Column, excluded: &[Finding], like: &[Finding]) -> String {
     let own: Vec<&str> = own.map(|finding| finding.reason.as_str()).collect();
     match column.kind {
         _ if !own.is_empty() => own.join("; "),
-        Kind::Temperature => "nothing odd".to_owned(),
+        Kind::Temperature => "no fault found".to_owned(),
         _ => "–".to_owned(),
     }
 }

@@ -95,7 +95,7 @@ fn by_count(found: &Selected) -> Markup {
             "For each run, the points were chosen with the data of all other runs, and tested on that run. \
              The curves show the residual error by the number of points." }
         ul .keys { li {
-            "error of held-out runs, over the number of points; a ring marks the recommended number" } li .dashed { "with every point" } }
+            "error of held-out runs against the number of sensor points; a ring marks the recommended number" } li .dashed { "with every point" } }
         div .gallery {
             (figure("Mean range of the residual error in a run", &of(|row| row.means.mean_range_um), ""))
             (figure("Mean RMS of the residual error in a run", &of(|row| row.means.mean_rmse_um), ""))

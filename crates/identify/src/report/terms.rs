@@ -27,8 +27,8 @@ pub(super) fn terms(found: &Identified) -> Markup {
         return html! {
             h2 { "The model" }
             p {
-                "A " (found.network.as_deref().unwrap_or("network")) ": its weights are in a file next to the profile. It has "
-                "no terms to be listed."
+                "A " (found.network.as_deref().unwrap_or("network")) ": its weights are in a file next to the profile. It is "
+                "not a sum of terms, so no terms are listed."
             }
         };
     };
@@ -313,7 +313,9 @@ pub(super) fn limits(axis: &AxisSettings) -> Markup {
             dt { "largest rate" } dd { (chart::tick(axis.guard.rate.get())) " µm/s, " (decimals(axis.guard.rate.get() * 60.0, 1)) " µm/min" }
             dt { "deadband" } dd { (micron(axis.guard.deadband.get())) }
             @if let Some(warn) = axis.levels.warn { dt { "warns beyond" } dd { (micron(warn.get())) } }
-            @if let Some(error) = axis.levels.error { dt { "goes off beyond" } dd { (micron(error.get())) } }
+            @if let Some(error) = axis.levels.error {
+                dt { "switches off beyond" } dd { (micron(error.get())) }
+            }
             dt { "on a fault" } dd { (fault) }
         }
     }

@@ -21,7 +21,7 @@ pub(super) fn headline(means: &Means, uncompensated: &Means) -> Markup {
             @for (what, left, before) in figures {
                 div { dt { (what) } dd { (number(left)) " µm" small { "without compensation " (number(before)) " µm" } } }
             }
-            div { dt { "range cut by" } dd { (cut(means.mean_range_um, uncompensated.mean_range_um)) small { "each run held out in turn" } } }
+            div { dt { "range reduced by" } dd { (cut(means.mean_range_um, uncompensated.mean_range_um)) small { "each run held out in turn" } } }
         }
     }
 }
@@ -74,7 +74,8 @@ pub(super) fn cross_validation(runs: &[RunScore], means: &Means, uncompensated: 
         p { (worse(runs)) }
         ul .keys { li .filled { "residual range, µm" } li .hollow { "without compensation, µm" } }
         (chart::bars("range of each run, held out and without compensation", &all))
-        (table(&["run", "range, µm", "without", "cut by", "RMS, µm", "without", "95 % within ±, µm"], &rows))
+        (table(&["run", "range, µm", "without", "reduced by", "RMS, µm", "without",
+            "95 % within ±, µm"], &rows))
     }
 }
 

@@ -112,10 +112,11 @@ impl Counts {
                 range(0)
             )
         } else {
-            let points = if k == 1 { "1 point leaves".to_owned() } else { format!("{k} points leave") };
+            let points = if k == 1 { "1 point".to_owned() } else { format!("{k} points") };
             format!(
-                "{points} a mean range of {:.2} µm on held-out runs, {:.2} µm without compensation. More \
-                 points, up to {most}, improve this by at most a tenth, which is not significant with few runs",
+                "with {points}, the mean range of the residual error on held-out runs is {:.2} µm; without \
+                 compensation, it is {:.2} µm. More points, up to {most}, improve this by at most 10 %, \
+                 which is not significant with few runs",
                 range(k),
                 range(0)
             )

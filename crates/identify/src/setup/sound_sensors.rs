@@ -58,7 +58,7 @@ pub(super) fn examine<'a>(
         let reasons = excluded.iter().map(|faulty| format!("{}: {}", faulty.signal, faulty.reason));
         let reasons: Vec<String> = reasons.collect();
         return Err(BadLog(vec![format!(
-            "no sensor is left for the model: {}; --keep NAME keeps a sensor anyway",
+            "no sensor remains for the model ({}). To use a faulty sensor nevertheless, add --keep NAME",
             reasons.join("; ")
         )]));
     }
@@ -78,7 +78,7 @@ pub(super) fn examine<'a>(
             let mended = mend(dataset, &stay, &frozen);
             (excluded, repaired) = (mended.excluded, mended.repaired);
             let own = frozen.iter().filter(|frozen| gone.contains(&frozen.column));
-            let more = ", without which the error of held-out runs is smaller,";
+            let more = " (without this sensor, the error of held-out runs is smaller)";
             excluded.extend(own.map(|frozen| Fault::frozen(dataset, frozen).finding(dataset, more)));
             campaign = campaign_of(&excluded, mended.mending);
         }

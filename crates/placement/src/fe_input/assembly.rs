@@ -163,7 +163,9 @@ fn next(card: &Card, open: &Block, blocks: &mut Blocks, faults: &mut Faults) -> 
             card.only("", faults);
             let name = named("NAME")?;
             if blocks.parts.insert(name.clone(), Vec::new()).is_some() {
-                return Err(card.fault(format!("part {name} is defined already: remove one of the two definitions")));
+                return Err(
+                    card.fault(format!("part {name} is defined already: remove one of the two definitions"))
+                );
             }
             Ok(Block::Part(name))
         }
@@ -185,10 +187,10 @@ fn next(card: &Card, open: &Block, blocks: &mut Blocks, faults: &mut Faults) -> 
         ("ENDPART", Block::Part(_)) | ("ENDASSEMBLY", Block::Assembly) => Ok(Block::Model),
         ("ENDINSTANCE", Block::Instance) => Ok(Block::Assembly),
         (_, open) => Err(card.fault(format!(
-            "the card is in a wrong place, {}. Parts and the assembly follow each other, each with its *END card. \
-             An instance is inside the assembly",
+            "the card is not allowed {}. Close each *PART and *ASSEMBLY with its *END card before the next \
+             one, and write *INSTANCE inside *ASSEMBLY",
             match open {
-                Block::Model => "outside of all blocks",
+                Block::Model => "outside of *PART and *ASSEMBLY",
                 Block::Part(_) => "inside a part",
                 Block::Assembly => "inside the assembly",
                 Block::Instance => "inside an instance",

@@ -60,10 +60,10 @@ impl Line {
         let counted = if has == 1 { "1 value".to_owned() } else { format!("{has} values") };
         let names = names.join(", ");
         if has < wanted {
-            return Err(self.fault(format!("{counted} of {wanted} ({names})")));
+            return Err(self.fault(format!("{counted}, but {wanted} are required ({names})")));
         }
         if has > wanted {
-            let hint = "a decimal comma makes two values of one: write 1.5, not 1,5";
+            let hint = "a decimal comma divides a number into two values: write 1.5, not 1,5";
             return Err(self.fault(format!("{counted}, but {wanted} are required ({names}); {hint}")));
         }
         Ok(())
@@ -96,7 +96,7 @@ impl Line {
         let id = text.parse().ok().filter(|id| *id > 0);
         id.ok_or_else(|| {
             let text = quoted(text);
-            self.fault(format!("`{text}` is not a number from 1 up; write the {name} here"))
+            self.fault(format!("`{text}` is not a whole number above 0; write the {name} here"))
         })
     }
 
@@ -243,7 +243,7 @@ impl Gathering<'_> {
             None => Fault::of_file(path, message),
         };
         if depth > DEEPEST {
-            let message = format!("more than {DEEPEST} files include each other: {}", path.display());
+            let message = format!("includes are nested more than {DEEPEST} levels deep: {}", path.display());
             return self.faults.push(refused(message));
         }
         match self.bytes(path) {

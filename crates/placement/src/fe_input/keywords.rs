@@ -257,7 +257,7 @@ const REFUSED: [(&str, &str); 12] = [
 
 fn why_refused(key: &str) -> String {
     if let Some((_, why)) = REFUSED.iter().find(|(keys, _)| keys.split(' ').any(|known| known == key)) {
-        return format!("is not read: {why}");
+        return format!("this card is not supported: {why}");
     }
     let known = ["HEADING", "INCLUDE", "STEP", "END STEP"].into_iter();
     let known = known.chain(KEYWORDS.map(|(name, ..)| name));
@@ -265,9 +265,6 @@ fn why_refused(key: &str) -> String {
     let distances = known.map(|name| (strsim::damerau_levenshtein(&plain(name), key), name));
     match distances.min_by_key(|(distance, _)| *distance) {
         Some((0..=2, near)) => format!("no such card; did you mean *{near}?"),
-        _ => {
-            "this card is not known, and no card is ignored: remove it if it does not affect the temperatures"
-                .to_owned()
-        }
+        _ => "this card is not supported: remove it if it does not affect the temperatures".to_owned(),
     }
 }

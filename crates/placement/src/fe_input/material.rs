@@ -94,8 +94,8 @@ fn values(card: &Card) -> Result<Vec<(&'static str, f64)>, Fault> {
     };
     if line.len() == names.len() + 1 {
         return Err(line.fault(format!(
-            "the card has {} values, but {} are required ({}): a decimal comma makes two values of one (write \
-             1.5, not 1,5). A temperature is not allowed here: {CONSTANT}",
+            "the card has {} values, but {} are required ({}): a decimal comma divides a number into two \
+             values (write 1.5, not 1,5). A temperature is not allowed here: {CONSTANT}",
             line.len(),
             names.len(),
             names.join(", ")
@@ -121,7 +121,7 @@ fn value(line: &Line, place: usize, name: &str) -> Result<f64, Fault> {
 
 pub(super) fn section(reader: &mut Reader, card: &Card) -> Result<(), Fault> {
     let (Some(set), Some(material)) = (card.value("ELSET"), card.value("MATERIAL")) else {
-        return Err(card.fault("needs ELSET= and MATERIAL="));
+        return Err(card.fault("the card needs ELSET= and MATERIAL="));
     };
     // PrePoMax writes a thickness of 1 under a solid section.
     let is_thick = |line: &&Line| line.values().any(|text| !text.trim_matches(['1', '.', ' ']).is_empty());

@@ -51,7 +51,9 @@ pub(super) fn elements(reader: &mut Reader, card: &Card) -> Result<(), Fault> {
         .ok_or_else(|| card.fault("the card names no TYPE: write TYPE=C3D4 or TYPE=C3D10"))?;
     let known = TYPES.iter().find(|(known, ..)| known.split(' ').any(|known| known == name));
     let (_, kind, nodes) = known.ok_or_else(|| {
-        card.fault(format!("{name} is not read: mesh the structure with tetrahedra, C3D4 or C3D10"))
+        card.fault(format!(
+            "element type {name} is not supported: mesh the structure with tetrahedra, C3D4 or C3D10"
+        ))
     })?;
     let mut ids = Vec::new();
     for (numbers, at) in listed(card, &name, *nodes)? {
@@ -116,7 +118,7 @@ fn solid(reader: &mut Reader, element: Element, at: Location) {
         reader.faults.push(at.fault(format!("element {id} is defined already in line {line}")));
     }
     if (1..nodes.len()).any(|place| nodes[..place].contains(&nodes[place])) {
-        reader.faults.push(at.fault(format!("element {id} names a node twice")));
+        reader.faults.push(at.fault(format!("element {id} has a node twice: mesh the structure again")));
     } else if worst_determinant(element.kind, &reader.mesh.corners(&element)) <= 0.0 {
         reader.faults.push(at.fault(format!(
             "element {id} is numbered inside out or folded: its volume is not positive; mesh the structure \

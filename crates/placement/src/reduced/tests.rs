@@ -131,7 +131,7 @@ fn other_heat_and_one_name_for_two_things_are_refused() {
     let mut held = plant(Kind::Tet4);
     held.load.held = vec![(0, 20.0)];
     let error = Modes::of(&held, SILENT).unwrap_err().to_string();
-    assert!(error.starts_with("*BOUNDARY is not allowed in a plant"), "{error}");
+    assert!(error.starts_with("*BOUNDARY is not allowed in the plant"), "{error}");
     let mut twice = plant(Kind::Tet4);
     twice.surfaces.films.iter_mut().for_each(|name| "motor".clone_into(name));
     let error = Modes::of(&twice, SILENT).unwrap_err().to_string();

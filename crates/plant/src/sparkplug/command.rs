@@ -51,7 +51,7 @@ pub(super) fn receive(
         match (metric.name.as_deref() == Some(REBIRTH), &metric.value) {
             (true, Some(Raw::Boolean(true))) => heard.asks_for_birth = true,
             (true, _) => {
-                let why = "only `true` requests a birth".to_owned();
+                let why = "send `true` to request a birth message".to_owned();
                 heard.outcome.get_or_insert(refused(REBIRTH, why));
             }
             (false, _) => others.push(metric),
@@ -81,8 +81,8 @@ fn other(
 ) -> Outcome {
     let command = spoken(metric, born);
     let Some(axis) = born.name_of(metric).and_then(measured_axis) else {
-        let why = "the gateway accepts only a measured error or a request for a birth over MQTT; no message \
-                   can arm, disarm or move an axis";
+        let why = "the gateway accepts only a measured error or a request for a birth message over MQTT; no \
+                   message can arm, disarm or move an axis";
         return refused(&command, why.to_owned());
     };
     if !takes_measured {
@@ -90,7 +90,7 @@ fn other(
         return refused(&command, why.to_owned());
     }
     if !axes(snapshot).contains(&axis) {
-        return refused(&command, "there is no axis of this name".to_owned());
+        return refused(&command, "the profile has no axis with this name".to_owned());
     }
     if let Err(why) = is_of_now(sent, now) {
         return refused(&command, why);
@@ -141,7 +141,7 @@ fn is_of_now(sent: Option<u64>, now: Moment) -> Result<(), String> {
     let word = if sent < milliseconds(now) { "ago" } else { "from now" };
     let limit = HEEDED_FOR.as_secs();
     Err(format!(
-        "the message was sent {} s {word} by the sender's clock; the limit is {limit} s: the message was \
+        "by the sender's clock, the message was sent {} s {word}; the limit is {limit} s: the message was \
          delayed, or a clock is wrong",
         apart.as_secs()
     ))
@@ -164,7 +164,7 @@ fn error_of(metric: &Metric) -> Option<f64> {
 /// Returns the refusal of a measured error that the broker delivered twice.
 pub(super) fn repeated_outcome(command: &Command) -> Outcome {
     let Command::Measured { axis, .. } = command;
-    refused(&measured(axis), "the message arrived twice, and was accepted the first time".to_owned())
+    refused(&measured(axis), "the message is a duplicate: the gateway accepted the first copy".to_owned())
 }
 
 fn refused(command: &str, why: String) -> Outcome {

@@ -59,8 +59,8 @@ impl HostWatch {
             if last.online || !state.online {
                 return Ok(());
             }
-            let why = "the host is online with an older time than its offline state before: is the clock of the \
-                       host right? If so, restart the gateway, which then accepts the state";
+            let why = "the timestamp is too old: the host is online with an older time than in its last \
+                       offline state. Check the clock of the host. If it is right, restart the gateway";
             return Err(why.to_owned());
         }
         self.last = Some(state);

@@ -109,7 +109,7 @@ impl FileKind {
                  extract the log from an archive",
             ),
             FileKind::Log if is_one_of(&["parquet", "gz", "xlsx", "xlsm", "xls", "xlsb", "ods"]) => {
-                (&[], "this is a log as text: rename it to a name that ends with .csv")
+                (&[], "this log is a text file: rename it to a name that ends with .csv")
             }
             _ => return None,
         };
@@ -206,7 +206,7 @@ impl FileKind {
             }
             (FileKind::Ldf, _) => "isotherm cannot read a LIN bus; use a gateway from LIN to CAN or Modbus",
             (FileKind::A2l, _) => "export the frames as a DBC file with the program that wrote this file",
-            (FileKind::Mesh, _) => "`isotherm place` reads it",
+            (FileKind::Mesh, _) => "use this file with `isotherm place`",
             (FileKind::Json | FileKind::Yaml, FileKind::Log) => "save the log as CSV",
             (FileKind::Json, FileKind::Profile) => {
                 "a profile is TOML: write [machine] and name = \"press-7\" instead of \"machine\": { \"name\": … }. \

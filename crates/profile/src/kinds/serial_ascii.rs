@@ -121,8 +121,8 @@ fn pattern(signal: &KeyContext<'_>, text: Option<&String>, unit: u8) -> Option<T
 /// Warns if the gateway could not detect that a readout has been switched to inch.
 fn hides_inch(raw: &RawSignal, signal: &KeyContext<'_>, pattern: &TextPattern) {
     if matches!(raw.unit.as_deref(), Some("mm" | "um")) && !pattern.distinguishes_units() {
-        let message = "a change of the device to inch is not detected: this text states neither decimals \
-                       nor a unit";
+        let message = "the gateway cannot detect a switch of the device to inch: this text states neither \
+                       decimals nor a unit";
         let help = "write the decimals that the device sends, as {number.3}, or the unit after the number, as \
                     {number} mm";
         signal.key("text").warn(message, help);

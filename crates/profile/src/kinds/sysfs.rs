@@ -83,8 +83,7 @@ pub(super) static KIND: BusKind = BusKind {
     requests,
     line_preview: Some(
         "only read; all sensors of a device at the same time; a sensor that does not answer is read again \
-         when \
-         the driver has returned",
+         when its kernel driver responds",
     ),
     can_be_identified: |_| false,
     ..BusKind::POLLED

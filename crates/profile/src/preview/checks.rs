@@ -79,8 +79,8 @@ pub(super) fn preview(
         let guard = &axis.settings.guard;
         let moved = (guard.rate.get() * longest.as_secs_f64()).min(2.0 * guard.limit.get());
         format!(
-            "settings that are changed in operation are detected within {}: until then, axis {} moves by at \
-             most {:.1} µm",
+            "settings that are changed in operation are detected within {}: until then, Cz of axis {} \
+             changes by at most {:.1} µm",
             shown(longest),
             axis.settings.name,
             moved

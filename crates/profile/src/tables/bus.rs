@@ -171,7 +171,7 @@ impl Bus {
         let kind = if self.tls.is_some() { "Modbus TCP inside TLS (Modbus/TCP Security)" } else { title };
         let (name, address, timeout, late) =
             (&self.name, &self.address, shown(self.timeout), shown(self.late));
-        let late_writes = || format!("a write without an answer may still arrive for {late}");
+        let late_writes = || format!("a write without an answer may still arrive up to {late} later");
         let mut section = Section::default();
         section.line("");
         section.line(format!("bus {name}: {kind} at {address}, timeout {timeout}"));

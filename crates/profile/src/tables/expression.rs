@@ -97,12 +97,13 @@ pub(super) fn formula(
 fn check_symbol(at: &KeyContext<'_>, name: &str) {
     if name == "t" {
         let help = "`t` is always the time since machine start in seconds: choose another name";
-        at.wrong_key("`t` is taken", help);
+        at.wrong_key("`t` is a reserved name", help);
     }
     let begins = name.chars().next().is_some_and(|first| first.is_alphabetic() || first == '_');
     let is_plain = name.chars().all(|c| c.is_alphanumeric() || c == '_');
     if !begins || !is_plain || WORDS.contains(&name) {
-        let help = "a name begins with a letter and contains letters, digits and `_`";
+        let help = "a name begins with a letter and contains letters, digits and `_`; words such as `min` \
+                    and `or` are reserved";
         at.wrong_key(format!("`{name}` cannot be a name in a formula"), help);
     }
 }

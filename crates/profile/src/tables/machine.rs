@@ -122,7 +122,7 @@ pub(super) fn resolve(
     };
     let arm_timeout = at.key("arm_timeout").duration(raw.arm_timeout).unwrap_or(ARM_TIMEOUT);
     if arm_timeout > LONGEST_ARM_TIMEOUT {
-        let message = "a request to arm must not wait for more than a day".to_owned();
+        let message = "`arm_timeout` is longer than a day".to_owned();
         at.key("arm_timeout").invalid(message, "write at most \"24h\"");
     }
     if let Some(keys) = &raw.allow_override {
@@ -144,6 +144,6 @@ fn only_guarded(at: &KeyContext<'_>, keys: &[String], guarded: &[String]) {
     let known: HashSet<&String> = guarded.iter().collect();
     for (place, key) in keys.iter().enumerate().filter(|(_, key)| !known.contains(key)) {
         let help = allowed(key, guarded.iter().map(String::as_str));
-        at.item(place).invalid(format!("`{key}` is not a key that needs this permission"), help);
+        at.item(place).invalid(format!("`{key}` is not a protected key, or does not exist"), help);
     }
 }

@@ -45,7 +45,7 @@ impl<'de> Deserialize<'de> for TypeWord {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<TypeWord, D::Error> {
         let word = String::deserialize(deserializer)?;
         let found = TypeWord::ALL.into_iter().find(|known| known.name() == word);
-        found.map(TypeWord).ok_or_else(|| serde::de::Error::custom(format!("`{word}` is no type")))
+        found.map(TypeWord).ok_or_else(|| serde::de::Error::custom(format!("`{word}` is not a type")))
     }
 }
 

@@ -233,8 +233,8 @@ impl RawWeb {
             }
         }
         if self.commands == Some(Commands::Local) {
-            let help = "remove `commands`, and write `token_file`: a file that `isotherm token --out FILE` \
-                        makes. A request through `ssh -L`, socat, or a proxy without a header of its own \
+            let help = "remove `commands`, and write `token_file` (`isotherm token --out FILE` creates the \
+                        file). A request through `ssh -L`, socat, or a proxy that adds no forwarding header \
                         looks as if it came from this computer";
             at.key("commands")
                 .warn("every user of this computer can arm the axes through the web page", help);

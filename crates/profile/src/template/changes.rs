@@ -9,11 +9,11 @@ const NOTES: [&str; 6] = ["notes", "remedy", "source", "title", "unverified", "w
 
 /// Lists the keys that are only in one of two texts, or differ: `channel.tc.scale: 0.1 → 0.01`. Comments and
 /// order are ignored. Changed texts for users give only one entry, "its notes changed". If a template cannot
-/// be parsed, the only entry is "all of it".
+/// be parsed, the only entry is "the whole template".
 #[must_use]
 pub fn changes(before: &str, now: &str) -> Vec<String> {
     let (Ok(before), Ok(now)) = (before.parse::<Table>(), now.parse::<Table>()) else {
-        return vec!["all of it".to_owned()];
+        return vec!["the whole template".to_owned()];
     };
     let [mut before, now] = [before, now].map(|table| {
         let mut values = BTreeMap::new();

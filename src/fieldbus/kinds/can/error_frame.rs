@@ -75,13 +75,13 @@ fn tell(cause: &ErrorCause, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         ErrorCause::TransmitTimeout => f.write_str("a frame could not be sent in time"),
         ErrorCause::BusError => f.write_str("bus error"),
         ErrorCause::Restarted => f.write_str("the controller is back on the bus"),
-        ErrorCause::Transceiver { .. } => write!(f, "{cause}: look at the cable"),
-        ErrorCause::Protocol { .. } => write!(f, "{cause}: look at bitrate, cable and termination"),
+        ErrorCause::Transceiver { .. } => write!(f, "{cause}: check the cable"),
+        ErrorCause::Protocol { .. } => write!(f, "{cause}: check bitrate, cable and termination"),
         ErrorCause::Controller(problems) if problems.contains(ControllerProblems::ACTIVE) => {
             f.write_str("the controller has recovered")
         }
         ErrorCause::Controller(problems) if problems.intersects(PASSIVE) => {
-            write!(f, "the controller is error-passive ({problems}): look at bitrate, cable and termination")
+            write!(f, "the controller is error-passive ({problems}): check bitrate, cable and termination")
         }
         other => write!(f, "{other}"),
     }

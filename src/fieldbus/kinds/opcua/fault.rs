@@ -16,11 +16,11 @@ pub enum OpcUaFault {
     #[error("the program at this port closes the connection without an answer")]
     NoAnswer,
     /// The server has no free connection or channel.
-    #[error("the server has no channel left")]
+    #[error("the server has no free channel")]
     NoChannel,
     /// The server has accepted the connection, and closes it instead of opening a channel.
     #[error(
-        "the server closes the connection instead of opening a channel: it has no channel left, or rejects \
+        "the server closes the connection instead of opening a channel: it has no free channel, or rejects \
          the security"
     )]
     NotOpened,
@@ -62,13 +62,13 @@ pub enum OpcUaFault {
     )]
     UserRefused,
     /// The server has no free session.
-    #[error("the server has no session left")]
+    #[error("the server has no free session")]
     NoSession,
     /// The clocks of the server and of this computer differ too much.
     #[error("the clocks of the server and of this computer differ too much")]
     Clock,
     /// The server opens no session for another reason, with this status.
-    #[error("the server opens no session: {0}")]
+    #[error("the server did not open a session: {0}")]
     Refused(Status),
 }
 
@@ -81,7 +81,8 @@ impl OpcUaFault {
             }
             OpcUaFault::NoServer => "is the port right (usually 4840)?",
             OpcUaFault::NoAnswer => {
-                "is the port right (usually 4840)? If so, the server may have no channel left: close another client"
+                "is the port right (usually 4840)? If so, the server may have no free channel: close \
+                 another client"
             }
             OpcUaFault::NoChannel => {
                 "close another client, or wait until a lost connection has expired at the server"

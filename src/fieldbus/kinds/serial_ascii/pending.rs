@@ -18,7 +18,7 @@ use isotherm_core::quantity::Moment;
 pub struct PendingAnswers {
     request: String,
     asked: VecDeque<Moment>,
-    /// Whether answers to an earlier run of the program can no longer arrive.
+    /// Whether this run has waited long enough at its start: answers to requests of the previous run no longer arrive.
     has_begun: bool,
 }
 

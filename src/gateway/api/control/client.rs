@@ -281,7 +281,7 @@ fn connect(path: &Path, until: Duration) -> Result<UnixStream, Failure> {
         }
         let path = path.display();
         match error.kind() {
-            ErrorKind::NotFound => Failure::NoGateway(format!("there is no {path}")),
+            ErrorKind::NotFound => Failure::NoGateway(format!("the socket {path} does not exist")),
             ErrorKind::ConnectionRefused => Failure::NoGateway(format!("no program answers at {path}")),
             _ => Failure::NoGateway(format!("{path}: {error}")),
         }

@@ -119,7 +119,8 @@ impl Prepared {
 fn no_memory(error: io::Error) -> io::Error {
     let error = without_numbers(&error.to_string());
     io::Error::other(format!(
-        "this system cannot create a sealed memfd ({error}): does a filter of system calls forbid memfd_create?"
+        "this system cannot create a sealed memfd ({error}): check whether a filter of system calls forbids \
+         memfd_create"
     ))
 }
 

@@ -88,7 +88,7 @@ impl KeptProfile {
         let length = memory.metadata().map_err(|error| error.to_string())?.size();
         if length > LARGEST {
             return Err(format!(
-                "the files of the profile have {} MB together, and no more than {} MB can be handed over",
+                "the files of the profile have {} MB in total, and no more than {} MB can be handed over",
                 length >> 20,
                 LARGEST >> 20
             ));

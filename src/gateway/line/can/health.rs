@@ -101,7 +101,7 @@ impl Health {
         if self.lost.read(lost, now) {
             let what = Explained::new(
                 "frames are lost: this computer does not read them fast enough",
-                "does another program load the computer? Configure the nodes to send less often",
+                "check whether another program loads the computer, or configure the nodes to send less often",
             );
             changes.push(HealthChange::Worse { what, is_off: false });
         }

@@ -392,7 +392,7 @@ impl CanListener {
         let mut core = self.shared.core();
         let GatewayState { device_health, devices, events, .. } = &mut *core;
         let hint =
-            "is the node powered, is its cable plugged in? Are node number and bitrate those of the profile?";
+            "check power and cable of the node, and compare its node number and bitrate with the profile";
         device_health.is_silent(device, Explained::new(what, hint), events);
         devices.breaks(device, Break::Silence, self.shared.clock.now());
     }

@@ -67,12 +67,12 @@ impl fmt::Display for DocumentRejection {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             DocumentRejection::Later(found) => {
-                write!(f, "the file has layout {found}, but this program writes {VERSION}")
+                write!(f, "the file has layout {found}, but this program reads layouts up to {VERSION}")
             }
             DocumentRejection::Earlier(found) => write!(
                 f,
-                "the file has the old layout {found}. Run an intermediate version of isotherm for a short \
-                 time, or let the operator arm the axes"
+                "the file has the old layout {found}, which this version cannot read. Let the operator arm the \
+                 axes, or first run an earlier version that reads this layout"
             ),
             DocumentRejection::Because(why) => f.write_str(why),
         }
@@ -128,7 +128,7 @@ pub(super) fn parse<'a, T: Deserialize<'a>>(bytes: &'a [u8], version: u32) -> Re
     serde_json::from_slice(bytes).map_err(|_| match serde_json::from_slice(bytes) {
         Ok(Versioned { version: found }) if found > version => DocumentRejection::Later(found),
         Ok(Versioned { version: found }) if found < version => DocumentRejection::Earlier(found),
-        _ => DocumentRejection::Because("the file is damaged, or is no document of this program".to_owned()),
+        _ => DocumentRejection::Because("the file is damaged or not a document of this program".to_owned()),
     })
 }
 
@@ -145,7 +145,7 @@ pub(super) fn check(bytes: &[u8], found: &str, (of, machine): (&str, &str)) -> R
             "the checksum is wrong: the file was changed or damaged".to_owned(),
         )),
         true if of != machine => {
-            Err(DocumentRejection::Because(format!("the file is of another machine, {of}")))
+            Err(DocumentRejection::Because(format!("the file belongs to another machine, {of}")))
         }
         true => Ok(()),
     }

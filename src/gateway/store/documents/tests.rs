@@ -197,7 +197,7 @@ fn a_document_of_another_machine_or_of_one_of_the_same_name_elsewhere_does_not_f
     bench.is_unfit("a copy from elsewhere");
     let other = Seal { machine: "lathe-2".to_owned(), ..seal };
     bench.put(STATE, document::render(&other, b"0", []).unwrap());
-    bench.is_unfit("the file is of another machine, lathe-2");
+    bench.is_unfit("the file belongs to another machine, lathe-2");
 }
 
 #[test]

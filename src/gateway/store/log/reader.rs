@@ -400,7 +400,9 @@ impl<R: Read> LogReader<R> {
             row.decided.push(self.decided(line, columns)?);
         }
         for error in left_out {
-            self.warn(format!("line {line}: an error of {error:e} µm is no measured value and is left out"));
+            self.warn(format!(
+                "line {line}: an error of {error:e} µm is not a measured value and is left out"
+            ));
         }
         if let Some((place, text)) = self.filled(self.columns.memory) {
             let remembered = serde_json::from_str(text).map_err(|cause| self.error(line, place, cause))?;
@@ -504,7 +506,7 @@ impl<R: Read> LogReader<R> {
             Ok(Cell::Number(value, unit)) => Ok(Some(Conversion::of(&self.names[place], unit).apply(value))),
             Ok(Cell::Absent | Cell::Unavailable) => Ok(None),
             Ok(Cell::Failed) => Ok(Some(f64::NAN)),
-            Ok(Cell::Text) => Err(self.error(line, place, format!("`{text}` is no number"))),
+            Ok(Cell::Text) => Err(self.error(line, place, format!("`{text}` is not a number"))),
             Err(message) => Err(self.error(line, place, message)),
         }
     }

@@ -144,8 +144,8 @@ fn what_cannot_be_read_is_named_with_its_place() {
             "time,bed\n0,27,5\n",
             "line 2: the row has 3 cells, but the header has 2 column names; are there decimal commas?",
         ),
-        ("time,bed\n0,1\n5,warm\n", "line 3, column bed: `warm` is no number"),
-        ("time,bed\r\n\r\n\r\n0,1\r\n5,warm", "line 5, column bed: `warm` is no number"),
+        ("time,bed\n0,1\n5,warm\n", "line 3, column bed: `warm` is not a number"),
+        ("time,bed\r\n\r\n\r\n0,1\r\n5,warm", "line 5, column bed: `warm` is not a number"),
         ("time,bed\n0,1\nnoon,1\n", "line 3, column time: `noon` is not a time"),
         ("time,bed\n,1\n", "line 2, column time: the time is missing"),
         ("time,bed,wheelhead\n0,1\n5,1,1\n", "line 2: the row has 2 cells, but the header has 3"),
@@ -190,7 +190,7 @@ fn an_error_that_no_machine_has_is_left_out_with_its_line() {
     let errors: Vec<Option<f64>> = read.iter().map(|row| row.errors[0]).collect();
     assert_eq!(errors, [Some(1.5), None, Some(2.5)]);
     assert!(
-        warnings.iter().any(|warning| warning.contains("line 3: an error of 9.9e37 µm is no measured value")),
+        warnings.iter().any(|warning| warning.contains("line 3: an error of 9.9e37 µm is not a measured")),
         "{warnings:?}"
     );
 }

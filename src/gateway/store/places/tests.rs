@@ -66,7 +66,8 @@ fn a_moved_output_bars_its_axis_until_a_person_confirms_and_its_first_read_is_re
     assert_eq!(barred.iter().map(|(axis, _)| *axis).collect::<Vec<_>>(), [axis]);
     let why = &barred[0].1;
     let was = format!(
-        "output {name} was scale {scale}, 20.0 µm from the gateway were verified in the register; it is scale -{scale}"
+        "output {name} has changed: from scale {scale} to scale -{scale}; 20.0 µm from the gateway were \
+         verified before the change"
     );
     assert_eq!(why.cause, was);
     assert_eq!(kinds(&moves.events(&Releases::default(), &after)), ["output-moved"]);

@@ -32,7 +32,8 @@ impl Stamps {
         Stamps { clock: Some(clock.clone()), of, correction }
     }
 
-    /// Returns log file and shift for a row that is written now.
+    /// Returns the log file for a row that is written now, and the shift of its time stamps. Begins a new file if the
+    /// computer's clock was set.
     pub(super) fn check(&mut self, now: Moment) -> Stamped {
         let shift = self.of_the_clock();
         if shift != self.of.shift {

@@ -259,7 +259,7 @@ fn stable(nodes: &[Node], links: &[Link], structure: Option<&Structure>, check: 
         let total = total + sinks.sum::<f64>();
         check.demand(total * STEP.as_secs_f64() < 0.1 * node.capacity, || {
             format!(
-                "node.{}: links of {total} W/K in all are too much for a capacity of {} J/K: reduce the \
+                "node.{}: links of {total} W/K in total are too much for a capacity of {} J/K: reduce the \
                  conductances, or raise the capacity",
                 node.name, node.capacity
             )
@@ -272,8 +272,8 @@ fn stable(nodes: &[Node], links: &[Link], structure: Option<&Structure>, check: 
         let yields = structure.map_or(0.0, |structure| structure.yields(port));
         check.demand(total * yields < 0.1, || {
             format!(
-                "structure: links of {total} W/K in all are too much for a port that 1 W warms by {yields} K \
-                 in a step: reduce them"
+                "structure: links of {total} W/K in total are too much for a port that 1 W warms by {yields} \
+                 K in a step: reduce the conductances"
             )
         });
     }

@@ -113,9 +113,9 @@ fn what_is_wrong_around_a_structure_is_reported_by_name() {
     let reported =
         wrong(&[("foot = \"bed\"", "feet = \"bed\""), ("air_low = \"room\"", "air_low = \"rails_1\"")]);
     for part in [
-        "structure.sinks: there is no sink `feet`; there are air_high, air_low, covers, foot, inside",
-        "structure.sinks.foot: is missing; name a node, or ambient",
-        "structure.sinks.air_low: `rails_1` is a part of the structure; name a node, or ambient",
+        "structure.sinks: there is no sink `feet`; allowed: air_high, air_low, covers, foot, inside",
+        "structure.sinks.foot: is missing; write the name of a node, or ambient",
+        "structure.sinks.air_low: `rails_1` is a part of the structure; write the name of a node, or ambient",
     ] {
         assert!(reported.contains(part), "{reported}");
     }
@@ -133,7 +133,7 @@ fn what_is_wrong_around_a_structure_is_reported_by_name() {
     assert!(reported.contains("`rails_2` is used twice among the nodes, ports and points"), "{reported}");
     let reported = wrong(&[("conductance = 5.0", "conductance = 5.0e5")]);
     assert!(
-        reported.contains("structure: links of 500000 W/K in all are too much for a port that 1 W warms by"),
+        reported.contains("structure: links of 500000 W/K in total are too much for a port that 1 W warms"),
         "{reported}"
     );
     let reported = wrong(&[("position = \"scale_y\"", "position = \"scale_x\"")]);

@@ -138,7 +138,7 @@ fn a_wrong_pattern_is_rejected_with_its_mistake() {
         ("{number.10}", "`{number.10}` is unknown"),
         ("{number 0}", "`{number 0}` is unknown"),
         ("{number.3 3} mm", "too few characters for its decimals; count"),
-        ("{number} mm\r\n", "without its end (carriage return, line feed); leave out \\r and \\n"),
+        ("{number} mm\r\n", "contains a line end (carriage return, line feed); leave out \\r and \\n"),
         (
             "{number} \u{3bc}m",
             "a device cannot send `\u{3bc}`, because a character has eight bits; write {any 1}",

@@ -131,8 +131,8 @@ impl fmt::Display for Rejected {
             Rejected::SameId(id) => {
                 write!(
                     f,
-                    "the measurement with the id {id} was accepted before; give each measurement an id of \
-                     its own"
+                    "the measurement with the id {id} was accepted before; give each measurement a \
+                     different id"
                 )
             }
             Rejected::SameTime(time) => {
@@ -144,8 +144,8 @@ impl fmt::Display for Rejected {
             ),
             Rejected::SameError(ago) => write!(
                 f,
-                "the same error arrived {:.1} s ago and counts once; send a `time` or an `id` with each measurement, or \
-                 wait {} s",
+                "the same error arrived {:.1} s ago, so this report is ignored; send a `time` or an `id` \
+                 with each measurement, or wait {} s",
                 ago.as_secs_f64(),
                 REPEATED_WITHIN.as_secs()
             ),

@@ -239,8 +239,8 @@ impl Sensor {
         self.from.zip(self.base).map(|(from, base)| from + rise - base)
     }
 
-    /// Returns the value that the shadow of a lag follows: the last reading plus the predicted change since then.
-    /// `None` if there is no prediction.
+    /// Returns the estimated present value of the sensor: the last reading plus the predicted change since then. `None`
+    /// if there is no prediction. The copy of each lag that is kept for a stand-in (its shadow) follows this value.
     pub(super) fn shadowed(&self) -> Option<f64> {
         self.value(self.predicted?.rise)
     }

@@ -59,8 +59,8 @@ fn no_number_with_two_readings_is_read() {
         (DecimalMark::Comma, "1,020", Ok("1.020")),
         (DecimalMark::Comma, "1.020", Ok("1020")),
         (DecimalMark::Point, "1.020", Ok("1.020")),
-        (DecimalMark::Comma, "20.5", Err("groups of three digits: is the decimal mark --decimal point?")),
-        (DecimalMark::Point, "20,00", Err("groups of three digits: is the decimal mark --decimal comma?")),
+        (DecimalMark::Comma, "20.5", Err("if the point is the decimal mark, state --decimal point")),
+        (DecimalMark::Point, "20,00", Err("if the comma is the decimal mark, state --decimal comma")),
         (DecimalMark::Point, "A,B", Ok("A,B")),
     ] {
         let mut dialect = english().with(Some(stated), None);
@@ -176,7 +176,7 @@ fn what_is_no_time_of_the_zone_says_what_to_write() {
     for (text, says) in [
         (
             "29.03.2026 02:30:00",
-            "Europe/Berlin has no 2026-03-29T02:30:00: the clocks of this zone were set forward",
+            "2026-03-29T02:30:00 does not exist in Europe/Berlin: the clocks of this zone were set forward",
         ),
         ("01/05/2026 06:00:00", "day and month are ambiguous"),
         ("05.01.26 06:00:10", "write four digits"),

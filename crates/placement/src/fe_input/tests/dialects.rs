@@ -145,7 +145,7 @@ fn supports_are_read_in_every_form() {
     assert_eq!(supports("BODY, 1, 3"), [0, 1, 2, 3], "the nodes of an element set");
     for (lines, wanted) in [
         ("BASE, XSYMM", "*BOUNDARY: XSYMM fixes the nodes in some directions only"),
-        ("BASE, FIXED", "*BOUNDARY: `FIXED` is not a number from 1 up"),
+        ("BASE, FIXED", "*BOUNDARY: `FIXED` is not a whole number above 0"),
         ("BASE, 1, 2", "*BOUNDARY: node 1 is fixed in some directions only"),
         ("BASE, 1, 7", "*BOUNDARY: directions 1 to 7"),
         ("BASE, 3, 1", "*BOUNDARY: directions 3 to 1"),
@@ -272,7 +272,7 @@ fn what_is_not_supported_in_an_assembly_is_one_error_with_its_remedy() {
         ("part=Part-1\n", "part=Part-2\n", "*INSTANCE: part PART-2 is not defined (there are PART-1)"),
         ("*Instance, name=Part-1-1, ", "*Instance, ", "*INSTANCE: NAME= is missing"),
         ("*Instance, name=Part-1-1", "*Instance, name=1", "the name 1 does not begin with a letter"),
-        ("*End Part", "*End Prat", "*ASSEMBLY: the card is in a wrong place, inside a part"),
+        ("*End Part", "*End Prat", "*ASSEMBLY: the card is not allowed inside a part"),
         ("*End Assembly\n", "*Node\n9, 0., 0., 0.\n*End Assembly\n", "nodes and elements of the assembly"),
         ("nset=BASE, instance=Part-1-1", "nset=BASE, instance=Part-9", "instance PART-9 is not defined"),
         ("*End Instance", "1., 2., 3., 4.\n*End Instance", "4 values, but 3 are required"),

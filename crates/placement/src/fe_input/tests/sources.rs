@@ -117,7 +117,7 @@ fn a_mesh_of_gmsh_without_a_load_case_says_what_is_missing() {
     let quads = format!("{GMSH}{REST}")
         .replace("type=CPS3, ELSET=Surface13\n3, 2, 4, 7", "type=CPS4, ELSET=S\n3, 2, 4, 7, 6");
     let said = self::said(&quads);
-    assert!(said.contains("*ELEMENT: CPS4 is not read: mesh the structure with tetrahedra"), "{said}");
+    assert!(said.contains("*ELEMENT: element type CPS4 is not supported: mesh the structure"), "{said}");
 }
 
 #[test]

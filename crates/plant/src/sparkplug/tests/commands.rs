@@ -118,7 +118,7 @@ fn a_measured_error_that_a_broker_brings_twice_is_taken_once() {
         node.received(at(5_000), &state, NCMD, &payload).outcome
     };
     assert_eq!(receive(3.2, 10), measured(3.2));
-    let why = "the message arrived twice, and was accepted the first time".to_owned();
+    let why = "the message is a duplicate: the gateway accepted the first copy".to_owned();
     let refused = Outcome::Refused { command: "axis/z/measured_error_um".to_owned(), why };
     assert_eq!(receive(3.2, 10), Some(refused));
     assert_eq!(receive(3.2, 20), measured(3.2));
@@ -185,8 +185,8 @@ fn everything_else_is_refused_with_its_reason() {
     let error = |raw| named("axis/z/measured_error_um", raw);
     let null = Metric { is_null: Some(true), ..error(Raw::Double(1.0)) };
     let int = Metric { datatype: Some(3), ..error(Raw::Int(3)) };
-    let nothing_else = "the gateway accepts only a measured error or a request for a birth over MQTT; no \
-                        message can arm, disarm or move an axis";
+    let nothing_else = "the gateway accepts only a measured error or a request for a birth message over \
+                        MQTT; no message can arm, disarm or move an axis";
     let no_number = "the value of the metric is not a number (Double or Float, in µm)";
     let waited = "the message was delayed, or a clock is wrong";
     let now = ms(5_000);
@@ -213,7 +213,7 @@ fn everything_else_is_refused_with_its_reason() {
             named("axis/y/measured_error_um", Raw::Double(1.0)),
             now,
             "axis/y/measured_error_um",
-            "there is no axis of this name".into(),
+            "the profile has no axis with this name".into(),
         ),
         (error(Raw::Double(f64::NAN)), now, "axis/z/measured_error_um", no_number.into()),
         (null, now, "axis/z/measured_error_um", no_number.into()),
@@ -223,13 +223,13 @@ fn everything_else_is_refused_with_its_reason() {
             error(Raw::Double(1.0)),
             Some(ms(0).unwrap() - 3_595_000),
             "axis/z/measured_error_um",
-            format!("the message was sent 3600 s ago by the sender's clock; the limit is 60 s: {waited}"),
+            format!("by the sender's clock, the message was sent 3600 s ago; the limit is 60 s: {waited}"),
         ),
         (
             error(Raw::Double(1.0)),
             ms(66_000),
             "axis/z/measured_error_um",
-            format!("the message was sent 61 s from now by the sender's clock; the limit is 60 s: {waited}"),
+            format!("by the sender's clock, the message was sent 61 s from now; the limit is 60 s: {waited}"),
         ),
     ];
     for (metric, sent, name, why) in table {
@@ -262,7 +262,7 @@ fn of_several_things_in_one_message_only_the_birth_is_done() {
     );
     let (births, outcome) =
         outcome_of(&command(&[named("Node Control/Rebirth", Raw::Boolean(false))], ms(0)), true);
-    let why = "only `true` requests a birth".to_owned();
+    let why = "send `true` to request a birth message".to_owned();
     assert_eq!(
         (births, outcome),
         (0, Some(Outcome::Refused { command: "Node Control/Rebirth".to_owned(), why }))

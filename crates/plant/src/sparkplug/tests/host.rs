@@ -77,7 +77,7 @@ fn a_host_that_is_online_with_an_older_time_than_its_offline_state_is_refused_in
     let (host, why) = receives(&mut node, STATE, &state(true, 1000));
     assert_eq!(host, PrimaryHost::Offline);
     let why = why.unwrap();
-    assert!(why.starts_with("STATE: the host is online with an older time"), "{why}");
+    assert!(why.starts_with("STATE: the timestamp is too old: the host is online"), "{why}");
     assert_eq!(receives(&mut node, STATE, &state(true, 3_600_000)), (PrimaryHost::Online, None));
 }
 

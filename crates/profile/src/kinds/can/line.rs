@@ -57,7 +57,8 @@ impl CanDevice {
         let watched = self.node.map(|node| {
             let started = match self.start {
                 true => format!(
-                    "the gateway starts node {node} by NMT at its own start and after each boot-up of the node"
+                    "the gateway starts node {node} by NMT at each start of the gateway and after each \
+                     boot-up of the node"
                 ),
                 false => {
                     format!(
@@ -79,7 +80,7 @@ impl CanDevice {
         let setup = self.setup.iter().map(|Setup { object, value, what }| {
             let what = if what.is_empty() { String::new() } else { format!(": {what}") };
             format!(
-                "before each start of the node writes {object} = {value} ({}){what}",
+                "before each start of the node, the gateway writes {object} = {value} ({}){what}",
                 object.data_type.name()
             )
         });

@@ -61,7 +61,7 @@ fn target(
         0 => {
             if places.into_iter().chain(["register"]).all(|key| at.key(key).is_left_out()) {
                 let help = "write pdo = { … }, sdo = \"2000:01\" or frame = { … }";
-                at.wrong_key("the place to which the output is written is missing", help);
+                at.wrong_key("the CAN frame or object to write is missing", help);
             }
             return None;
         }

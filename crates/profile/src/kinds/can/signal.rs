@@ -38,7 +38,7 @@ pub(super) fn resolve(check: &Check<'_>, raw: &RawSignal, at: &KeyContext<'_>) -
         let places = ["register", "dbc", "pdo", "sdo", "frame"];
         if places.into_iter().all(|key| at.key(key).is_left_out()) {
             let help = "write dbc = \"Message.Signal\", pdo = { … }, sdo = \"7130:01\" or frame = { … }";
-            at.wrong_key("the place from which the signal is read is missing", help);
+            at.wrong_key("the CAN frame or object to read is missing", help);
         }
         return None;
     };

@@ -14,7 +14,7 @@ pub(super) fn preview(profile: &Profile, id: BusId) -> Option<Section> {
     }
     let mut section = Section::default();
     section.line(format!(
-        "  devices that isotherm treats as behind a Modbus gateway to a serial line (`quirks.gateway`): {}",
+        "  devices assumed to be behind a Modbus gateway to a serial line (`quirks.gateway`): {}",
         devices.join(", ")
     ));
     section.line(

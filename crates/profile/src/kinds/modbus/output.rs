@@ -13,7 +13,7 @@ pub(super) fn foreign_keys(raw: &RawOutput, at: &KeyContext<'_>, device: &str) {
     not_here(at);
     let help = format!("`{device}` is on a Modbus line: write register = \"holding:100\"");
     at.not_applicable(&["pdo", "sdo", "frame"], "a device on a CAN line", &help);
-    register::not_smaller_than_a_register(&at.key("type"), raw.kind, "take \"u16\" or \"i16\"");
+    register::not_smaller_than_a_register(&at.key("type"), raw.kind, "use \"u16\" or \"i16\"");
 }
 
 /// Resolves the register of an output.

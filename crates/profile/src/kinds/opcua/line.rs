@@ -16,8 +16,8 @@ pub(super) fn address(raw: &RawBus, at: &KeyContext<'_>) -> Option<String> {
 /// Resolves the OPC UA settings of a line: message security, user, and certificates. Returns `None` if they have an
 /// error.
 pub(super) fn resolve(raw: &RawBus, at: &KeyContext<'_>) -> Option<OpcUa> {
-    let help = "write \"sign-and-encrypt\" or \"sign\"; write \"none\" only if the network connects nothing \
-                but this machine";
+    let help = "write \"sign-and-encrypt\" or \"sign\"; write \"none\" only if this machine alone uses \
+                the network";
     at.key("security").missing("`security` is missing: are messages signed and encrypted?", help);
     let user = raw.user.as_ref().map_or(Some(User::Anonymous), |user| user.resolve(&at.key("user")));
     let security = raw.security?;

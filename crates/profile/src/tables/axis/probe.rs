@@ -220,7 +220,7 @@ pub(super) fn preview(signals: &[Signal], axis: &Axis, settings: &ProbeSettings)
     let from = match &axis.probe_input {
         Some(input) => match input.trigger {
             Some(trigger) => {
-                format!("{}, each time {} changes to anything but 0", name(input.signal), name(trigger))
+                format!("{}, each time {} changes to a non-zero value", name(input.signal), name(trigger))
             }
             None => format!("{}, each time the value changes", name(input.signal)),
         },
@@ -236,8 +236,8 @@ pub(super) fn preview(signals: &[Signal], axis: &Axis, settings: &ProbeSettings)
     };
     let mut text = format!(
         "measured errors (actual minus commanded{diameter}, with Cz active) come from {from}. A positive \
-         error lowers the model's Cz by {share}, in all by at most {} µm. A measured error is refused if it \
-         shows a model error of more than {} µm",
+         error lowers the model's Cz by {share}, in total by at most {} µm. A measured error is refused if \
+         it shows a model error of more than {} µm",
         settings.limit.get(),
         settings.max_error.get()
     );

@@ -73,7 +73,7 @@ impl Expected {
         let Expected { equals, what, .. } = self;
         let mut section = Section::default();
         let every = shown(period);
-        section.line(format!("    before arming and every {every} {self} must read {equals}: {what}"));
+        section.line(format!("    before arming and every {every}, {self} must read {equals}: {what}"));
         entries!(section, every, register = self.to_string(), equals, what);
         section
     }

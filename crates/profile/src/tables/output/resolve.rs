@@ -69,7 +69,7 @@ impl RawOutput {
         if let Some((least, every)) = least.zip(every).filter(|(least, every)| every < least) {
             let (least, every) = (shown(least), shown(every));
             let message = format!(
-                "`{device}` can follow one update every {least}, but the axis makes one every {every}"
+                "`{device}` can follow one update every {least}, but the axis is updated every {every}"
             );
             of_axis.key("every").invalid(message, format!("write every = \"{least}\" or longer"));
         }

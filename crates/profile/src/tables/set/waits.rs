@@ -28,7 +28,8 @@ pub(super) fn has_time(check: &Check<'_>, set: &OutputSet) {
             output.refresh.map(|refresh| (format!("`refresh` of output `{}`", output.name), refresh));
         for (what, every) in called.into_iter().chain(refreshed).filter(|(_, every)| *every <= whole) {
             let message = format!(
-                "two waits of {} (for the acknowledge signal to rise and to drop) take as long as {what}, {}",
+                "two waits of {} (for the acknowledge signal to rise and to drop) take at least as \
+                 long as {what}, {}",
                 shown(handshake.timeout),
                 shown(every)
             );

@@ -158,20 +158,20 @@ impl Other {
         let begin = format!("there is no {name}: write \"{known}\"");
         let part = figures(factor);
         let less = match shift {
-            shift if shift < 0.0 => format!(" less {}", figures(-shift)),
+            shift if shift < 0.0 => format!(" - {}", figures(-shift)),
             _ => String::new(),
         };
         if beside.is_in_dbc && beside.scale.is_none() && beside.offset.is_none() {
             return format!(
-                "{begin}, to which a value that the DBC file has in {name} is converted. If the DBC file has no unit, \
-                 write `scale` too, {part} times that of the file, and `offset`, {part} times that of the file{less}. \
-                 `range` and `max_rate` are in {known}"
+                "{begin}. The gateway converts a value that the DBC file has in {name}. If the DBC file \
+                 has no unit, also write `scale` = {part} × the factor of the file, and `offset` = {part} × \
+                 the offset of the file{less}. `range` and `max_rate` are in {known}"
             );
         }
         if beside.may_stand_elsewhere && (beside.scale.is_none() || beside.offset.is_none()) {
             return format!(
-                "{begin}, with {part} times the `scale` (default 1) and {part} times the `offset` (default \
-                 0){less}; `range` and `max_rate` are then in {known}"
+                "{begin}, with `scale` = {part} × its present value (default 1), and `offset` = {part} × its \
+                 present value (default 0){less}; `range` and `max_rate` are then in {known}"
             );
         }
         let scale = figures(beside.scale.unwrap_or(1.0) * factor);
@@ -226,12 +226,12 @@ mod tests {
             assert!(help.contains(words), "{text}: {help}");
         }
         let help = Unit::help("degF", Scaling { may_stand_elsewhere: true, ..Scaling::default() });
-        assert!(help.contains("0.5556 times the `scale`") && help.contains("less 17.78"), "{help}");
+        assert!(help.contains("`scale` = 0.5556 × its") && help.contains("(default 0) - 17.78"), "{help}");
         // The scale of a DBC file is converted too: 0.5556 alone would replace it.
         let dbc = Scaling { may_stand_elsewhere: true, is_in_dbc: true, ..Scaling::default() };
         let help = Unit::help("degF", dbc);
         assert!(
-            help.contains("write \"degC\", to which a value that the DBC file has in Fahrenheit"),
+            help.contains("write \"degC\". The gateway converts a value that the DBC file has in Fahrenheit"),
             "{help}"
         );
         assert!(!help.contains("default 1"), "{help}");

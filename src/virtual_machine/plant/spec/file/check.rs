@@ -39,7 +39,7 @@ impl Check {
             Point::Node(index) => index,
             _ => {
                 self.demand(self.errors.len() > before, || {
-                    format!("{place}: `{name}` has no heat capacity of its own; name a node")
+                    format!("{place}: `{name}` has no heat capacity; write the name of a node")
                 });
                 0
             }
@@ -53,7 +53,9 @@ impl Check {
             point @ (Point::Node(_) | Point::Ambient) => point,
             _ => {
                 self.demand(false, || {
-                    format!("{place}: `{name}` is a part of the structure; name a node, or {AMBIENT}")
+                    format!(
+                        "{place}: `{name}` is a part of the structure; write the name of a node, or {AMBIENT}"
+                    )
                 });
                 Point::Ambient
             }

@@ -77,7 +77,7 @@ impl StructureFile {
         });
         for name in self.sinks.keys().filter(|name| !modes.sinks.contains_key(*name)) {
             let known = modes.sinks.keys().cloned().collect::<Vec<_>>().join(", ");
-            check.demand(false, || format!("structure.sinks: there is no sink `{name}`; there are {known}"));
+            check.demand(false, || format!("structure.sinks: there is no sink `{name}`; allowed: {known}"));
         }
         let mut sinks = Vec::new();
         for (name, drives) in modes.sinks {
@@ -85,7 +85,9 @@ impl StructureFile {
             let point = match self.sinks.get(&name) {
                 Some(around) => check.surroundings(&place, around),
                 None => {
-                    check.demand(false, || format!("{place}: is missing; name a node, or ambient"));
+                    check.demand(false, || {
+                        format!("{place}: is missing; write the name of a node, or ambient")
+                    });
                     Point::Ambient
                 }
             };

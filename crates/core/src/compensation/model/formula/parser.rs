@@ -61,7 +61,7 @@ fn tokens(text: &str) -> Result<Vec<(usize, Token<'_>)>, ExpressionError> {
             let length = number_length(rest);
             let number = rest[..length].parse().map_err(|_| ExpressionError {
                 at,
-                message: format!("`{}` is no number", &rest[..length]),
+                message: format!("`{}` is not a number", &rest[..length]),
             })?;
             tokens.push((at, Token::Number(number)));
             length
@@ -73,10 +73,10 @@ fn tokens(text: &str) -> Result<Vec<(usize, Token<'_>)>, ExpressionError> {
             tokens.push((at, Token::Sign(sign)));
             sign.len()
         } else {
-            let hint = if first == '=' { "; compare with ==" } else { "" };
+            let hint = if first == '=' { "; write == to compare" } else { "" };
             return Err(ExpressionError {
                 at,
-                message: format!("`{first}` has no meaning in an expression{hint}"),
+                message: format!("`{first}` is not allowed in an expression{hint}"),
             });
         };
         at += length;
@@ -186,7 +186,7 @@ impl<'a> Parser<'a> {
 
     fn atom(&mut self) -> Result<(), ExpressionError> {
         let Some((at, token)) = self.tokens.get(self.next).cloned() else {
-            return Err(self.error("the expression ends too early"));
+            return Err(self.error("the expression ends where a value was expected"));
         };
         self.next += 1;
         match token {

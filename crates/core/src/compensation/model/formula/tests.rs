@@ -44,16 +44,16 @@ fn expressions_mean_what_a_person_means_by_them() {
 #[test]
 fn an_expression_that_cannot_be_read_says_where_and_why() {
     for (text, at, word) in [
-        ("", 0, "too early"),
-        ("A +", 3, "too early"),
+        ("", 0, "ends where a value was expected"),
+        ("A +", 3, "ends where a value was expected"),
         ("A B", 2, "operator"),
         ("Kz * (A - C)", 10, "`C` is not known"),
         ("(A", 2, "`)`"),
         ("A = 1", 2, "=="),
         ("sin(A)", 0, "not a function"),
-        ("1..2", 0, "no number"),
+        ("1..2", 0, "not a number"),
         ("A * * B", 4, "value was expected"),
-        ("A $ B", 2, "no meaning"),
+        ("A $ B", 2, "not allowed"),
     ] {
         let error = Expression::parse(text, &resolve).unwrap_err();
         assert_eq!(error.at, at, "{text}: {error:?}");

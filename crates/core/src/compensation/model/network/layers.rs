@@ -67,8 +67,8 @@ impl Layers {
             }
             if let Some(row) = layer.weights.iter().position(|row| row.len() != width) {
                 return Err(format!(
-                    "layer {number}, neuron {}: {} weights, but the layer before has {width} outputs: both \
-                     numbers must be equal",
+                    "layer {number}, neuron {}: {} weights, but the layer has {width} inputs: each input \
+                     needs one weight",
                     row + 1,
                     layer.weights[row].len()
                 ));

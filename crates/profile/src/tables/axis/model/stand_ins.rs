@@ -151,9 +151,9 @@ pub(super) fn preview(signals: &[Signal], stand_ins: &StandIns) -> String {
     let are = if count == 1 { "is" } else { "are" };
     let mut text = format!("{} {are} checked for frozen readings", counted(count, "sensor"));
     let groups = [
-        (Replaces::FrozenOrLost, "if frozen or lost, other sensors replace"),
-        (Replaces::Frozen, "if frozen, but not if lost, other sensors replace"),
-        (Replaces::Nothing, "no other sensors replace"),
+        (Replaces::FrozenOrLost, "replaced by other sensors if frozen or lost:"),
+        (Replaces::Frozen, "replaced by other sensors if frozen, but not if lost:"),
+        (Replaces::Nothing, "not replaced by other sensors:"),
     ];
     for (wanted, words) in groups {
         let found = stand_ins.watched().filter(|(_, replaces)| *replaces == wanted);

@@ -115,8 +115,8 @@ impl UniformTemperature {
     }
 }
 
-/// Adds the values of a model to the preview. The text is `everything at 15, 20, 25 °C: Cz = −12, 0, +12 µm`. The JSON
-/// has the same values.
+/// Adds the values of a model to the preview. The text is `all temperatures at 15, 20, 25 °C: Cz = −12, 0, +12 µm`. The
+/// JSON has the same values.
 pub(super) fn preview(
     section: &mut Section,
     signals: &[Signal],
@@ -133,7 +133,10 @@ pub(super) fn preview(
     let position = position
         .map(|(signal, _)| format!(", at the value of {} with the largest |Cz|", signals[signal.0].name));
     let position = position.unwrap_or_default();
-    section.line(format!("     everything at {} °C: Cz = {figures} µm{position}", temperatures.join(", ")));
+    section.line(format!(
+        "     all temperatures at {} °C: Cz = {figures} µm{position}",
+        temperatures.join(", ")
+    ));
     let document = shown.iter().zip(&asked).map(|(all_over, asked)| {
         let cz = asked.as_ref().map(|asked| (asked.cz * 1000.0).round() / 1000.0);
         let position = asked.as_ref().and_then(|asked| asked.position).map(|(_, place)| place);

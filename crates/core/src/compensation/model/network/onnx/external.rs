@@ -73,7 +73,8 @@ impl<'a> External<'a> {
         let (name, file) = (place.tensor, place.file.as_str());
         let Some(bytes) = self.files.get(file) else {
             return Err(format!(
-                "tensor `{name}` is in the file {file}, next to the ONNX file: put it there, or {ONE_FILE}"
+                "tensor `{name}` is in the file {file}, which was not found: copy this file to the directory \
+                 of the ONNX file, or {ONE_FILE}"
             ));
         };
         let Some(numbers) = place.slice(bytes) else {

@@ -105,8 +105,8 @@ const FLOATS: [u64; 4] = [1, 10, 11, 16];
 fn check_input(graph: &[u8]) -> Result<(), String> {
     match inputs(graph)[..] {
         [input] if tensor_kind(input).is_some_and(|kind| !FLOATS.contains(&kind)) => Err(format!(
-            "input `{}` of the network takes no floating-point numbers: export it with an input of floats, in skl2onnx \
-             with `FloatTensorType`",
+            "input `{}` of the network does not accept floating-point numbers: export the network with a \
+             float input, in skl2onnx with `FloatTensorType`",
             last_text(input, 1)
         )),
         _ => Ok(()),
@@ -418,7 +418,8 @@ impl<'a> Node<'a> {
         found.and_then(|(.., raw)| float(raw))
     }
 
-    /// Returns a list of numbers. The file stores them one by one, or packed in one field.
+    /// Returns the numbers of the attribute `name`; empty without this attribute. The file stores them one by one, or
+    /// packed in one field.
     fn floats(&self, name: &str) -> Vec<f32> {
         let mut floats = Vec::new();
         for (field, value, raw) in self.attribute(name).into_iter().flat_map(raw_fields) {

@@ -49,8 +49,8 @@ pub(super) fn check_tensors(bytes: &[u8]) -> Result<(), String> {
         if asks > bytes.len() as u64 {
             let name = last_text(tensor, 8);
             return Err(format!(
-                "tensor `{name}` has {asks} numbers by its shape, but the file has only {} bytes: export the \
-                 network again",
+                "tensor `{name}` has {asks} numbers according to its shape, but the file has only {} bytes: \
+                 export the network again",
                 bytes.len()
             ));
         }
@@ -97,8 +97,8 @@ pub(super) fn run(bytes: &[u8], graph: &Graph, input: Value, options: &RunOption
         all = all.saturating_add(asks(&node, &shapes));
         if all > may {
             return refused(&format!(
-                "raises the count of computed numbers to {all}; for a file of {} bytes, at most {may} are \
-                 allowed",
+                "makes the network too large: {all} computed numbers, but at most {may} are allowed for a \
+                 file of {} bytes",
                 bytes.len()
             ));
         }

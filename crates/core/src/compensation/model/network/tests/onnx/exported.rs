@@ -187,7 +187,7 @@ fn one_input_tensor_for_each_input_is_a_row_of_them_in_their_order() {
     assert!(texts.contains("the network has 3 input tensors"), "{texts}");
     for kind in [6, 7, 8] {
         let why = Onnx::new(columns(&["x"], kind, &[linear("x", &[1.0], &[0.0])]), 1).unwrap_err();
-        assert!(why.contains("input `x` of the network takes no floating-point numbers"), "{why}");
+        assert!(why.contains("input `x` of the network does not accept floating-point numbers"), "{why}");
     }
     let one = Onnx::new(model(&[linear("x", &[1.0], &[0.0])], &[], Some(1)), 1).unwrap();
     assert!(one.columns().is_empty(), "one input tensor is no list of names");

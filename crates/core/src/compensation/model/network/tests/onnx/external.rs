@@ -76,7 +76,7 @@ fn external_data_that_is_missing_or_does_not_fit_is_refused() {
             at("0", "8"),
             at("8", "4"),
             ExternalFiles::new(),
-            "tensor `w` is in the file net.data, next to the ONNX file",
+            "tensor `w` is in the file net.data, which was not found",
         ),
         (at("0", "8"), at("12", "4"), data(), "tensor `b` is beyond the end of net.data, which has 12 bytes"),
         (at("0", "8"), at("99", "4"), data(), "tensor `b` is beyond the end of net.data"),
