@@ -7,14 +7,15 @@ use super::answers::{
 };
 use super::opcua;
 use super::questions::{Question, Questions, yes_or_no};
-use super::serial_settings::{FindSettings, Frames, SerialSettings, extent};
+use super::serial_settings::FindSettings;
 use super::value_form::{self, ValueForm};
-use crate::discovery::bus::{Parity, baud};
 use crate::discovery::{DataType, Register, Table};
 use isotherm_profile::template::{Outline, OutlineTarget};
-use isotherm_profile::{Bits, Cell, duration_text};
+use isotherm_profile::{Bits, Cell};
+use port::PortQuestions;
 
 mod nodes;
+mod port;
 
 /// Maximum number of temperatures of a module without a template.
 const MOST_SIGNALS: usize = 32;
@@ -134,7 +135,9 @@ impl Asking<'_, '_> {
         let sends_text = outline.as_ref().is_some_and(|outline| outline.sends_text);
         let given = [&self.arguments.baud, &self.arguments.parity, &self.arguments.data_bits];
         let options = ["baud", "parity", "data-bits"];
-        let line = self.settled(line, (unit, sends_text), options, given.map(Option::as_deref))?;
+        let given = given.map(Option::as_deref);
+        let port = PortQuestions { unit, sends_text, options, given };
+        let line = port.ask(line, self.find, self.questions)?;
         let module = self.channels(outline, variant, base)?;
         Ok((line, unit, module))
     }
@@ -443,7 +446,8 @@ impl Asking<'_, '_> {
         let Arguments { control_baud, control_parity, control_data_bits, .. } = self.arguments;
         let given = [control_baud, control_parity, control_data_bits].map(Option::as_deref);
         let options = ["control-baud", "control-parity", "control-data-bits"];
-        let line = self.settled(line, (unit, false), options, given)?;
+        let port = PortQuestions { unit, sends_text: false, options, given };
+        let line = port.ask(line, self.find, self.questions)?;
         Ok((Some(line), unit))
     }
 
@@ -461,89 +465,6 @@ impl Asking<'_, '_> {
             self.arguments.machine_on.as_deref(),
             |text| answers::machine_on(text, bits),
         )
-    }
-
-    /// Returns the line with the settings of its serial port. `options` and `given` are names and values of the options
-    /// for baud rate, parity and data bits. If no option has a value and the user agrees, the settings are found by
-    /// trying. The user is then asked for each setting, with the found value as default. For a device that sends text,
-    /// nothing is tried.
-    fn settled(
-        &mut self,
-        line: Line,
-        (unit, sends_text): (u8, bool),
-        options: [&'static str; 3],
-        given: [Option<&str>; 3],
-    ) -> anyhow::Result<Line> {
-        let (port, mut usual) = match line {
-            Line::Serial(port, usual) => (port, usual),
-            other @ (Line::Tcp(_) | Line::AsciiOverTcp(_) | Line::OpcUa(_)) => return Ok(other),
-        };
-        if given.iter().all(Option::is_none) && !sends_text {
-            usual = self.tried(&port, usual, unit)?.unwrap_or(usual);
-        }
-        let baud = self.text(
-            (options[0], &format!("Baud rate of {port}"), Some(&usual.baud.to_string())),
-            "The setting of the devices on this line; their manual or their switches show it.",
-            given[0],
-            baud,
-        )?;
-        let parity = self.text(
-            (options[1], &format!("Parity of {port}"), Some(usual.parity.word())),
-            "none, even or odd: the setting of the devices on this line.",
-            given[1],
-            str::parse::<Parity>,
-        )?;
-        let frames = match usual.frames {
-            Frames::Rtu => Frames::Rtu,
-            Frames::Ascii { data_bits } => Frames::Ascii {
-                data_bits: self.text(
-                    (options[2], &format!("Data bits of {port}"), Some(&data_bits.to_string())),
-                    "7 or 8: the setting of the devices on this line.",
-                    given[2],
-                    answers::data_bits,
-                )?,
-            },
-        };
-        Ok(Line::Serial(port, SerialSettings { baud, parity, frames }))
-    }
-
-    /// Finds the settings of a serial port by trying, if the user agrees. Returns the settings with which the unit
-    /// answers; `None` if none were found.
-    fn tried(
-        &mut self,
-        port: &str,
-        usual: SerialSettings,
-        unit: u8,
-    ) -> anyhow::Result<Option<SerialSettings>> {
-        let (count, longest) = extent();
-        let agreed = self.questions.agrees(
-            &format!("Find baud rate and parity of {port} by trying? Only reads, at most {}", duration_text(longest)),
-            &format!(
-                "Unit {unit} gets two reads with each of {count} settings. Other devices on the line see bytes that they \
-                 ignore. Answer no if another program or master uses the line."
-            ),
-        )?;
-        if !agreed {
-            return Ok(None);
-        }
-        let found = (self.find)(port, usual, unit);
-        self.questions.show(&match &found {
-            Ok(Some(SerialSettings { baud, parity, .. })) => {
-                format!("  unit {unit} answers at {baud} baud, parity {}", parity.word())
-            }
-            Ok(None) => {
-                let other = match usual.frames {
-                    Frames::Rtu => format!("Modbus ASCII, as modbus-ascii://{port}"),
-                    Frames::Ascii { .. } => format!("Modbus RTU, as {port}"),
-                };
-                format!(
-                    "  unit {unit} does not answer with any setting: check its number, power and wires A and \
-                     B, or begin again with {other}"
-                )
-            }
-            Err(why) => format!("  {why}"),
-        })?;
-        Ok(found.unwrap_or_default())
     }
 }
 

@@ -1,5 +1,6 @@
 //! Implementation of [`GatewayApi`](crate::observe::status::GatewayApi) for the web page, the API and the command
-//! socket. It returns the state of the gateway, and executes commands such as arm, disarm, zero and measured errors.
+//! socket. It returns the state of the gateway, accepts measured errors, and executes commands such as arm, disarm and
+//! zero.
 
 use std::path::PathBuf;
 use std::sync::Arc;

@@ -56,17 +56,13 @@ impl Watchdog {
                     shared.stalled_at(since);
                     continue;
                 }
-                let Some(late) = late_line(&shared, &mut lines, &mut stuck) else {
+                let Some((task, why)) = stuck_task(&shared, &mut lines, &mut stuck) else {
                     report.lives(&shared, LOOK_EVERY);
                     continue;
                 };
                 if !is_reported {
                     is_reported = true;
-                    let task = format!("bus {late}");
-                    shared.report(&Event::TaskFailed {
-                        task,
-                        why: "the task of this bus has stopped running".to_owned(),
-                    });
+                    shared.report(&Event::TaskFailed { task, why: why.to_owned() });
                     stop();
                 } else if stuck > Duration::from_secs(10) {
                     give_up();
@@ -90,19 +86,25 @@ struct LineObservation {
     most: u32,
 }
 
-/// Returns the name of a bus line whose task has made no progress for too long. If the shared state stays locked for
-/// too long, returns a text about the lock in place of the name.
-fn late_line(shared: &Shared, lines: &mut [LineObservation], stuck: &mut Duration) -> Option<String> {
+/// Returns a part of the gateway that has not worked for too long, with the cause: the task of a bus line, or the shared
+/// state, which a task keeps locked.
+fn stuck_task(
+    shared: &Shared,
+    lines: &mut [LineObservation],
+    stuck: &mut Duration,
+) -> Option<(String, &'static str)> {
     if !shared.is_free() {
         *stuck += LOOK_EVERY;
-        return (*stuck > Duration::from_secs(5)).then(|| "(state locked)".to_owned());
+        let why = "a task keeps the state of the gateway locked";
+        return (*stuck > Duration::from_secs(5)).then(|| ("state".to_owned(), why));
     }
     for (place, seen) in lines.iter_mut().enumerate() {
         let turns = shared.turns(BusId(place));
         seen.looks = if turns == seen.turns { seen.looks.saturating_add(1) } else { 0 };
         seen.turns = turns;
         if seen.looks > seen.most {
-            return Some(shared.profile.bus(BusId(place)).name.clone());
+            let task = format!("bus {}", shared.profile.bus(BusId(place)).name);
+            return Some((task, "the task of this bus has stopped running"));
         }
     }
     *stuck = Duration::ZERO;

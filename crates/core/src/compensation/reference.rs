@@ -138,8 +138,8 @@ impl Machine {
         [&mut self.start, &mut self.zero].map(std::mem::take)
     }
 
-    /// Returns the running time of the machine since its start, without the time in which the gateway did not run.
-    /// `None` if the machine has never been seen running.
+    /// Returns the time since machine start, without the time in which the gateway did not run. The time also counts
+    /// while the machine is off. `None` if no machine start was ever detected.
     pub fn on_time(&self, now: Moment) -> Option<Duration> {
         self.on_since.map(|since| self.on_before + now.since(since))
     }

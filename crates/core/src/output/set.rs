@@ -72,7 +72,7 @@ impl ControlWord {
     pub const HOLD: u16 = 2;
     /// An axis carries out its fault action.
     pub const FAULT: u16 = 4;
-    /// An axis follows a fallback model, because its preferred model cannot be used.
+    /// An axis follows a fallback model, or its preferred model with an estimate for a frozen or lost sensor.
     pub const DEGRADED: u16 = 8;
 }
 
