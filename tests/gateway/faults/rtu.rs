@@ -49,12 +49,21 @@ fn is_late_for_a_minute(profile: Profile) {
     was_never_believed(&trace, &["timeout"]);
 }
 
-/// The delay is just within the four timeouts that are allowed.
+/// The delay is just within the four timeouts that are allowed. On a busy computer, a port may deliver further answers
+/// late. Such a run shows nothing about one late answer, and is repeated.
 fn is_very_late_once(profile: Profile) {
-    let trace = thermocouples(profile, "kind = \"late\"\ndelay = \"1100ms\"\nfor = 1");
-    others_went_on(&trace);
-    assert_eq!(trace.qualities("bed", 5, 300), ["good"], "{}", trace.lines());
-    assert_eq!(trace.reported("device-lost") + trace.reported("device-back"), 0, "{}", trace.lines());
+    for _ in 0..5 {
+        let trace = thermocouples(profile.clone(), "kind = \"late\"\ndelay = \"1100ms\"\nfor = 1");
+        others_went_on(&trace);
+        let timeouts = trace.samples.last().unwrap().status.devices[0].failures["timeout"];
+        if timeouts > 1 {
+            continue;
+        }
+        assert_eq!(trace.qualities("bed", 5, 300), ["good"], "{}", trace.lines());
+        assert_eq!(trace.reported("device-lost") + trace.reported("device-back"), 0, "{}", trace.lines());
+        return;
+    }
+    panic!("in each of five runs, more than one answer was late");
 }
 
 fn answers_exceptions(profile: Profile) {
