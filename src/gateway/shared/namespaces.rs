@@ -80,8 +80,8 @@ impl NamespaceWatch {
             let found = match located {
                 Located::Ambiguous => format!("the server has namespace {was} (ns={index}) more than once"),
                 Located::Unclear => format!(
-                    "the server has moved namespace {was} to another index, and ns={index} is now {is}; the \
-                     profile has new nodes with ns={index}, and it is not certain which namespace they mean"
+                    "the server has moved namespace {was} to another index, and ns={index} is now {is}. The \
+                     namespace of the new nodes with ns={index} is therefore not certain"
                 ),
                 _ => format!("the server no longer has namespace {was} (ns={index}); ns={index} is {is}"),
             };

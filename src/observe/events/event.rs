@@ -366,7 +366,7 @@ events! {
             #[serde(rename = "late_s", serialize_with = "in_seconds")]
             late: Duration,
         } => plain(format!(
-            "output {output}: the last run did not stop normally, or its end is unknown; the gateway waits \
+            "output {output}: the last run did not stop normally, or its end is unknown. The gateway waits \
              {} for late writes before it changes the register",
             duration_text(*late)
         ));
@@ -510,7 +510,7 @@ events! {
             #[serde(serialize_with = "in_text")]
             last: Moment,
         } => caused("", format!(
-            "the computer's clock does not continue from {last}, the newest time stamp in state and log; the \
+            "the computer's clock does not continue from {last}, the newest time stamp in state and log. The \
              length of the stop is unknown, and assumed to be long"
         ));
         LogsDeleted { names: Vec<String>, why: String } => plain(format!("deleted {}: {why}", listed(names)));

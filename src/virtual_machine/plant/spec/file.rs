@@ -272,8 +272,8 @@ fn stable(nodes: &[Node], links: &[Link], structure: Option<&Structure>, check: 
         let yields = structure.map_or(0.0, |structure| structure.yields(port));
         check.demand(total * yields < 0.1, || {
             format!(
-                "structure: links of {total} W/K in total are too much for a port that 1 W warms by {yields} \
-                 K in a step: reduce the conductances"
+                "structure: links of {total} W/K in total are too much for a port that 1 W warms by {yields} K \
+                 in a step. Reduce the conductances"
             )
         });
     }
