@@ -21,8 +21,8 @@ pub struct PipelineTest {
     pub bus: String,
     /// Name of the device in the profile.
     pub device: String,
-    /// Description of the failure; `None` if the device supports two requests at a time, or if a single
-    /// request fails already.
+    /// Description of the failure; `None` if the device supports two requests at a time, or if even a
+    /// single request fails.
     pub fault: Option<String>,
 }
 

@@ -4,7 +4,7 @@
 //! |---|---|---|
 //! | has no model | | no model yet |
 //! | is off, or waits to be armed | | off, waiting to arm |
-//! | is armed | a device does not answer | unreachable: the control may hold another than the verified value |
+//! | is armed | a device does not answer | unreachable: the control may hold an unverified value |
 //! | moves for a sign check, or returns to zero after a sign check without a model | answer | sign check |
 //! | follows a model, or is frozen | answer | compensating, fallback model, frozen |
 //! | has decided zero | hold another Cz, or nothing was verified | returning to zero |

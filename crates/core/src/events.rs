@@ -304,7 +304,8 @@ catalogue! {
     /// The gateway cannot tell which part of a shared register's value it has added (gateway share). The operator must
     /// confirm the share.
     LedgerDoubt = error("ledger-doubt").raises("ledger of {output}")
-        .hint("set the register to the operator offset, then arm the axis");
+        .hint("set the register to the operator offset plus the gateway share that the event names, then arm \
+               the axis");
     /// A register to be shared has an unknown value that is not zero. The operator must confirm that the value is an
     /// operator offset.
     FirstAccount = warning("first-account").raises("ledger of {output}")

@@ -218,7 +218,8 @@ fn of_column(dataset: &Dataset, column: usize, frozen: &[Frozen]) -> Vec<Fault> 
         if let Some((first, _)) = spikes.first() {
             let (step, at) = (own.values[*first] - own.values[*first - 1], clock(own.seconds[*first]));
             let more = if spikes.len() > 1 { format!(", {} times", spikes.len()) } else { String::new() };
-            let message = format!("spikes of {step:+.1} °C, first at {at}{more} (probably a bad contact)");
+            let message =
+                format!("spikes of {step:+.1} °C, first at {at}{more}, probably from a bad contact");
             add(Damage::Spikes, rows_of_spikes(run, own, &spikes), message);
         }
         let own_frozen = frozen.iter().filter(|frozen| frozen.column == column && frozen.run == number);
@@ -230,8 +231,8 @@ fn of_column(dataset: &Dataset, column: usize, frozen: &[Frozen]) -> Vec<Fault> 
             }
             let at = clock(own.seconds[place]);
             let message = format!(
-                "jumps by {step:+.1} °C at {at}, and the readings stay shifted (a casting cannot change so \
-                 fast)"
+                "jumps by {step:+.1} °C at {at}, faster than a casting can change, and the readings stay \
+                 shifted"
             );
             add(Damage::Jump, rows_of_step(run, column, own.seconds[place]), message);
         }

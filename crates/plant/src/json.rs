@@ -9,9 +9,9 @@
 //! ```
 //!
 //! The broker retains all messages except events. Documents have QoS 0, because the next document replaces a
-//! lost document. State, events and the discovery messages for Home Assistant have QoS 1. The state `online`
-//! is published again after the time `refresh`, because another client may have replaced the retained
-//! message.
+//! lost document. State, events and the discovery messages for Home Assistant have QoS 1. After the time
+//! `refresh`, unchanged documents are published again. The state `online` is published again as well,
+//! because another client may have replaced the retained message.
 
 use std::collections::{BTreeMap, VecDeque};
 use std::time::Duration;

@@ -8,7 +8,8 @@ use isotherm_core::quantity::TimeColumns;
 /// First column of every log.
 pub const TIME: &str = "time";
 
-/// Permission of the axis to change its Cz (compensation value): off, armed, unverified, held or stopping.
+/// Permission of the axis to decide and write its Cz (compensation value): off, armed, unverified, held or
+/// stopping.
 pub const PERMIT: &str = "permit";
 /// Cz in the register, from which the axis resumed at this row, µm.
 pub const FROM: &str = "from_um";

@@ -87,8 +87,8 @@ impl IntoProfile {
             count => format!(", instead of {}", counted(count, "model")),
         };
         say_beside!(
-            "The model of axis {axis} will be written to {shown}, line {}{instead}. No other line \
-             changes.",
+            "The model of axis {axis} will be written to {shown}, line {}{instead}. Nothing else in this \
+             file changes.",
             self.line
         );
         if !yes && !agrees("Write the model to the profile?")? {

@@ -359,8 +359,9 @@ impl OutputRegister {
         });
     }
 
-    /// Reports the value of the present register after its first read, if the output had another register in
-    /// the previous run. Also updates the reason why the axis is off, if the changed register is this reason.
+    /// Reports the value of the present register after its first read, if address, scale or owner of the
+    /// register has changed since the previous run. Also updates the reason why the axis is off, if the
+    /// changed register is this reason.
     fn note_place(&self, controller: &Controller, output: &Output, core: &mut GatewayState) {
         let shown = controller.state().shown(&self.settings);
         let Some(seen) = shown.verified.filter(|_| !shown.is_only_acknowledged) else { return };

@@ -80,8 +80,8 @@ pub(super) fn not_sent(shared: &LineHandle, id: OutputId, why: Inadmissible) {
     let why = Explained::new(
         format!("nothing is sent to output {name} ({at}): {why}"),
         format!(
-            "check scale, bias and type of the output, and limit and diameter of axis {axis}: do they fit the \
-             control?"
+            "check whether scale, bias and type of the output, and limit and diameter of axis {axis}, fit \
+             the control"
         ),
     );
     shared.core().disarm(output.axis, why);

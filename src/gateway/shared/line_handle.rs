@@ -291,7 +291,7 @@ fn another_master(signals: &[&Signal]) -> Explained {
     if !signals.is_empty() {
         let agree = format!(
             "a value is used only if it agrees with the previous value; with `max_rate` and no recent good \
-             value, {MANY} must agree"
+             value, {MANY} consecutive values must agree"
         );
         cause += &format!("; messages of the other master look like answers for {}; {agree}", list(signals));
         let (_, unlimited): (Vec<&Signal>, Vec<&Signal>) =

@@ -6,7 +6,7 @@
 //! | sends the viewer's token, or has signed in with it | everything | no |
 //! | sends the scraper's token | `/metrics` | no |
 //! | is on this computer, `commands = "local"` | everything | yes, only from the web page |
-//! | is on this computer, `commands = "token"` | everything, unless the profile has a viewer's token | no |
+//! | is on this computer, `commands = "token"` (default) | everything, unless the profile has a viewer's token | no |
 //! | any other | `/healthz`, and the sign-in page | no |
 //!
 //! A client is on this computer if it connects over loopback without a proxy. A client behind one of `trusted_proxies`

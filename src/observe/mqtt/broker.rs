@@ -136,8 +136,7 @@ impl Fault {
             }
             Fault::NotAllowed => Explained::new(
                 "the broker does not allow the gateway to connect",
-                "write into the profile a `user` that may connect, or the paths of a client certificate and its \
-                 key (`tls`)",
+                "write a `user` that may connect, or a client certificate with its key in `tls`, into the profile",
             ),
             Fault::NotSubscribed(topic) => Explained::new(
                 format!("the broker refuses the subscription to {topic}"),

@@ -67,7 +67,7 @@ fn a_server_that_answers_good_and_keeps_the_old_value_is_caught() {
     beside(&text, Options::default(), move |source| {
         wait_until(source, "nothing stands there that was written", |status| {
             events(status).iter().any(|text| {
-                text.starts_with("output offset: wrote 1.0 µm, read back 0.0 µm: the server answered Good")
+                text.starts_with("output offset: wrote 1.0 µm, read back 0.0 µm; the server answered Good")
             })
         });
         assert_eq!(server.lock().unwrap().does("read offset"), "0");

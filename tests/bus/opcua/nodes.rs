@@ -89,13 +89,12 @@ fn a_node_that_is_not_there_is_told_with_what_to_do() {
     let ended = read(&server, &["--register", "holding:0", "--unit", "1"]);
     let said = format!("{bus} is an OPC UA server, without registers; `isotherm read --browse`");
     assert!(ended.said.contains(&said), "{}", ended.said);
-    for more in [&[][..], &["--register", "holding:0"]] {
+    for (more, remedy) in
+        [(&[][..], "add --browse"), (&["--register", "holding:0"], "replace --register with --browse")]
+    {
         let ended = read(&server, more);
-        assert!(
-            ended.said.contains("an OPC UA server has nodes, not registers: add --browse"),
-            "{}",
-            ended.said
-        );
+        let said = format!("an OPC UA server has nodes, not registers: {remedy}");
+        assert!(ended.said.contains(&said), "{}", ended.said);
     }
 }
 

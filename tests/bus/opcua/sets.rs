@@ -88,7 +88,7 @@ fn a_member_that_keeps_its_old_value_though_the_server_answers_good_is_caught_an
     beside(&text, Options::default(), move |source| {
         wait_until(source, "it is reported", |status| {
             events(status).iter().any(|text| {
-                let said = "read back 0.0000 µm/mm: the server answered Good, but kept the old value";
+                let said = "read back 0.0000 µm/mm; the server answered Good, but kept the old value";
                 text.starts_with("output tan: wrote ") && text.contains(said)
             })
         });

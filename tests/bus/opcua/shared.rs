@@ -56,7 +56,7 @@ fn a_sum_that_the_server_says_it_has_taken_and_has_not_is_caught() {
     beside(&text, options, move |source| {
         wait_until(source, "it is reported", |status| {
             events(status).iter().any(|text| {
-                text.starts_with("output offset: wrote 1.0 µm, read back 0.0 µm: the server answered Good")
+                text.starts_with("output offset: wrote 1.0 µm, read back 0.0 µm; the server answered Good")
             })
         });
         control.lock().unwrap().does("allow offset");

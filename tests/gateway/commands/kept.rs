@@ -38,7 +38,7 @@ fn what_happened_before_a_restart_stands_in_the_verb_the_api_and_the_page() {
 
     assert!(bench.events(&["--since", "2099-01-01T00:00:00Z"]).is_empty());
     let (code, said) = bench.ask(&["events", "--since", "yesterday"]);
-    assert_eq!((code, said.contains("write a duration such as 12h, or a time")), (1, true), "{said}");
+    assert_eq!((code, said.contains("write a duration such as 12h or a time")), (1, true), "{said}");
     // Without a profile, as text for an operator.
     let state = bench.home.path().join("state");
     let said = isotherm(bench.home.path()).args(["events", "--state"]).arg(&state).output().unwrap();

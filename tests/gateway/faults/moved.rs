@@ -259,7 +259,8 @@ fn another_scale_waits_for_a_person_who_has_seen_the_value_in_both() {
     let held = left(&traces[0]);
     nothing_moved(&traces[1]);
     let moved = told(&traces[1], "output-moved");
-    let figures = [format!("scale 0.1, {held:.1} µm from the gateway"), format!("holds -{held:.1} µm now")];
+    let figures =
+        [format!("to scale -0.1; {held:.1} µm from the gateway"), format!("holds -{held:.1} µm now")];
     assert!(figures.iter().all(|figure| moved[1].contains(figure)), "{figures:?} in {moved:#?}");
     assert_eq!(traces[1].reported("register-left"), 0, "it is the same register");
 }

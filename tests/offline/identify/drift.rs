@@ -123,7 +123,7 @@ fn a_log_without_a_displacement_is_told_what_to_do() {
     let refused = |names: &[String]| drift(&dataset, names, None, &|_| None).unwrap_err().to_string();
     let reported = refused(&[]);
     assert!(
-        reported.contains("end with `_um`, and")
+        reported.contains("Add the ending `_um`")
             && reported.contains("--displacement. The columns are hall_c, probe"),
         "{reported}"
     );

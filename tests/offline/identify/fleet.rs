@@ -118,7 +118,7 @@ fn products_that_were_changed_are_of_another_version_or_are_none_are_refused() {
     let file = kept("mill-1", &some(1), &choice()).to_json().unwrap();
     for (from, to, words) in [
         ("\"machine\":\"mill-1\"", "\"machine\":\"mill-7\"", "the checksum is wrong"),
-        ("\"version\":1", "\"version\":2", "this program can only read version 1"),
+        ("\"version\":1", "\"version\":2", "this program can only read run products of version 1"),
         ("isotherm-products", "isotherm-halves", "its format is not \"isotherm-products\""),
         ("{\"format\"", "[{\"format\"", "does not contain run products"),
     ] {

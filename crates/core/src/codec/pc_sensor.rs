@@ -97,7 +97,8 @@ impl FromStr for PcSensor {
         const FORMS: &str = "write \"w1:28-0316a2794f01\", \"hwmon:NAME/LABEL\" or \"iio:NAME/LABEL\"";
         if text.starts_with('/') {
             return Err(format!(
-                "`{text}` is a path, and its numbers may change at each start of the computer; {FORMS}"
+                "`{text}` is a path, and the numbers of hwmon and IIO may change at each start of the \
+                 computer; {FORMS}"
             ));
         }
         let (kind, rest) = text.split_once(':').ok_or_else(|| match is_rom_id(text) {

@@ -33,8 +33,9 @@ pub struct Machine {
     /// Running time of the machine before `on_since`. It was counted before a restart of the gateway.
     #[serde(default)]
     on_before: Duration,
-    /// Total time since machine start in which the gateway did not run. It is the upper limit, because the clock does
-    /// not show this time exactly. The running time of the machine does not include it.
+    /// Largest possible total time, since machine start, in which the gateway did not run. If the wall clock
+    /// does not give the duration of a stop, `Stop::LONGEST` is added. The running time of the machine does not
+    /// include this time.
     #[serde(default, skip_serializing_if = "Duration::is_zero")]
     on_away: Duration,
     was_on: Option<bool>,

@@ -59,7 +59,7 @@ const UNREAD: [(&[&str], &str); 3] = [
     ),
     (
         &["zip", "7z", "rar", "tar", "tgz", "bz2", "xz", "zst"],
-        "archives are not supported: extract the logs from it",
+        "archives are not supported: extract the logs from this file",
     ),
     (
         &["mf4", "mdf", "blf", "tdms", "feather", "arrow", "h5", "hdf5", "mat", "pkl", "sqlite", "db"],
@@ -99,7 +99,7 @@ fn use_of(path: &Path) -> Use {
         _ if TEXTS.contains(&ending) => match is_log(path) {
             true => Use::Log,
             false => Use::Unread(
-                "the file has no header line: column names with a time column, followed by rows of numbers. \
+                "the file has no header line with a time column, followed by rows of numbers. \
                  `isotherm logs explain` shows how the file is read"
                     .to_owned(),
             ),

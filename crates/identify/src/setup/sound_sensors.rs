@@ -58,7 +58,7 @@ pub(super) fn examine<'a>(
         let reasons = excluded.iter().map(|faulty| format!("{}: {}", faulty.signal, faulty.reason));
         let reasons: Vec<String> = reasons.collect();
         return Err(BadLog(vec![format!(
-            "no sensor remains for the model ({}). To use a faulty sensor nevertheless, add --keep NAME",
+            "no sensor remains for the model: {}. To use a faulty sensor nevertheless, add --keep NAME",
             reasons.join("; ")
         )]));
     }

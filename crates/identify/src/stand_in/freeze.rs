@@ -21,8 +21,8 @@
 //! must also exceed the usual error of x̂ at the end of a run.
 //!
 //! Predictions are unreliable outside the range of the other runs. Therefore the rises from which x̂ is
-//! calculated are clipped to this range. A sensor is not tested if its constant reading is far outside the
-//! range of its readings in the other runs.
+//! calculated are clipped to this range. A sensor is not tested if the rise of its constant reading is far
+//! outside the range of its rises in the other runs.
 //!
 //! A false alarm costs more than an undetected freeze. An earlier, less strict test wrongly left out eight of twelve
 //! good sensors of two machines. The residual error of the models was then nearly twice as large.

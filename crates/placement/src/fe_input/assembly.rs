@@ -187,8 +187,8 @@ fn next(card: &Card, open: &Block, blocks: &mut Blocks, faults: &mut Faults) -> 
         ("ENDPART", Block::Part(_)) | ("ENDASSEMBLY", Block::Assembly) => Ok(Block::Model),
         ("ENDINSTANCE", Block::Instance) => Ok(Block::Assembly),
         (_, open) => Err(card.fault(format!(
-            "the card is not allowed {}. Close each *PART and *ASSEMBLY with its *END card before the next \
-             one, and write *INSTANCE inside *ASSEMBLY",
+            "the card is not allowed {}. Close each *PART, *ASSEMBLY and *INSTANCE with its *END card, and \
+             write *INSTANCE only inside *ASSEMBLY",
             match open {
                 Block::Model => "outside of *PART and *ASSEMBLY",
                 Block::Part(_) => "inside a part",

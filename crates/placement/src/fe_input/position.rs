@@ -1,5 +1,5 @@
-//! Position of an Abaqus instance in the model. An instance is a part of the input file that is placed in the
-//! assembly.
+//! Position of an Abaqus instance in the model. A part contains a mesh; an instance puts the part at a
+//! position in the assembly.
 
 use crate::element::{cross, dot, minus};
 

@@ -19,9 +19,9 @@ pub(super) struct PortQuestions<'a> {
 }
 
 impl PortQuestions<'_> {
-    /// Returns the line with the settings of its serial port. Returns a line without a serial port as it is. If no option
-    /// has a value and the user agrees, the settings are found by trying. The user is then asked for each setting, with
-    /// the found value as default.
+    /// Returns the line with the settings of its serial port. Returns a line without a serial port as it is.
+    /// If no option has a value and the user agrees, the settings are found by trying. The user is then asked
+    /// for each setting, with the found value as default.
     pub(super) fn ask(
         &self,
         line: Line,
@@ -74,8 +74,8 @@ impl PortQuestions<'_> {
         Ok(Line::Serial(port, SerialSettings { baud, parity, frames }))
     }
 
-    /// Finds the settings of a serial port by trying, if the user agrees. Returns the settings with which the unit
-    /// answers; `None` if none were found.
+    /// Finds the settings of a serial port by trying, if the user agrees. Returns the settings with which the
+    /// unit answers; `None` if the user does not agree, or if no settings were found.
     fn tried(
         &self,
         port: &str,

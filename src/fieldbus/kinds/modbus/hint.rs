@@ -176,8 +176,8 @@ impl Sight {
                 PROTOCOL,
             ),
             Sight::Echoed => (
-                "an adapter or a serial server sends the request back, and no device answers. Is it in echo \
-                 or loopback mode? Check the wires to the device, the unit number and the baud rate",
+                "an adapter or a serial server sends the request back, and no device answers. Check its mode (echo, \
+                 loopback), the wires to the device, the unit number and the baud rate",
                 None,
                 PROTOCOL,
             ),
@@ -203,7 +203,7 @@ pub(in crate::fieldbus) const fn exception(code: u8) -> &'static str {
         4 => "the device could not execute the request: the display or log of the device says why",
         5 => "the device has accepted the request and needs more time for it: try again later",
         6 => "the device is busy: try again later, or poll it less often",
-        8 => "the device's memory is faulty: switch the device off and on. If this does not help, repair it",
+        8 => "the device's memory is faulty: switch the device off and on. If that fails, have it repaired",
         10 | 11 => {
             "the Modbus gateway answers, but not the device behind it. Is the unit number right \
              (`isotherm scan` finds it)? Is the device powered? Are baud rate and wiring behind the Modbus \

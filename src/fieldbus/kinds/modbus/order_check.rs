@@ -49,8 +49,8 @@ pub(in crate::fieldbus) struct OrderCheck {
     pub(in crate::fieldbus) lost: u8,
 }
 
-/// Knowledge about late answers that the Modbus gateway between TCP and the serial line may still keep. The gateway
-/// would give such an answer to a later request.
+/// Knowledge about late answers that the Modbus gateway between TCP and the serial line may still keep. The
+/// Modbus gateway would send such an answer as the answer to a later request.
 #[derive(Clone, Debug, PartialEq, Eq)]
 enum AnswerUse {
     /// The Modbus gateway may keep an answer to a request of an earlier process. No request of this process has ended

@@ -18,7 +18,8 @@ use isotherm_core::quantity::Moment;
 pub struct PendingAnswers {
     request: String,
     asked: VecDeque<Moment>,
-    /// Whether this run has waited long enough at its start: answers to requests of the previous run no longer arrive.
+    /// Whether this run has waited long enough at its start. Answers to requests of the previous run then no
+    /// longer arrive.
     has_begun: bool,
 }
 

@@ -72,7 +72,7 @@ impl fmt::Display for DocumentRejection {
             DocumentRejection::Earlier(found) => write!(
                 f,
                 "the file has the old layout {found}, which this version cannot read. Let the operator arm the \
-                 axes, or first run an earlier version that reads this layout"
+                 axes, or first run an intermediate version, which converts the file"
             ),
             DocumentRejection::Because(why) => f.write_str(why),
         }

@@ -43,9 +43,10 @@
 //!
 //! Positions, heartbeats and control words are written repeatedly, after a success and after a failure. They
 //! also have the rows `fault` (the fault in `detail`, once until a write is answered), `writes` and
-//! `failures`. A row `writes` or `failures` contains the number of writes since `moment` in `value`. The
-//! counting takes at least one minute, except at the end of a run. If a file begins because the computer's
-//! clock was set, its first row is `clock`, with the old and the new time.
+//! `failures`. A row `writes` contains the number of answered writes since `moment` in `value`, and a row
+//! `failures` the number of failed writes. The counting takes at least one minute, except at the end of a
+//! run. If a file begins because the computer's clock was set, its first row is `clock`, with the old and the
+//! new time.
 //!
 //! Earlier versions wrote two more kinds of rows, which a replay ignores. A row `cz` of a corrected position
 //! contains a changed Cz in `value`, µm. A row `sealed` has no output, and contains the save numbers of state

@@ -142,10 +142,7 @@ async fn what_a_server_will_never_take_is_dropped_at_once_and_the_next_arrives()
     let said = carried(&outbox, &server, Duration::ZERO, async {}).await;
     assert_eq!(server.taken(), [(2, 1)]);
     assert_eq!(said.len(), 3, "{said:?}");
-    assert!(
-        said[0].contains("the server answered 400: the server does not accept such a message"),
-        "{said:?}"
-    );
+    assert!(said[0].contains("the server answered 400: the server does not accept this message"), "{said:?}");
 }
 
 #[tokio::test(start_paused = true)]

@@ -106,7 +106,7 @@ fn a_measured_error_is_of_now_by_a_clock_that_was_set() {
     };
     assert_eq!(receive(hour + 4_000), measured(3.2));
     let Some(Outcome::Refused { why, .. }) = receive(4_000) else { panic!("it was sent an hour ago") };
-    assert!(why.starts_with("the message was sent 3601 s ago"), "{why}");
+    assert!(why.contains("the message was sent 3601 s ago"), "{why}");
 }
 
 #[test]

@@ -3,7 +3,7 @@
 //! The caller sends the returned frames, passes in the frames with the identifier [`Client::answers`], and
 //! reports a timeout.
 //!
-//! The frames of two SDO transfers differ only in index and sub-index, and a segment contains neither. The
+//! Only index and sub-index show to which SDO transfer a frame belongs, and a segment contains neither. The
 //! client therefore ignores a frame that cannot be the expected answer. After a transfer that ended without
 //! its last answer, the client first reads an entry that every node has. A node answers in order. When the
 //! answer to this read arrives, no answer to an older transfer can follow. No old answer can then be mistaken

@@ -122,7 +122,7 @@ impl Revised {
     }
 
     /// Returns the greatest age that a value can reach in normal operation. This age is the sum of the
-    /// sampling period, the longest time between two messages, and two polling periods.
+    /// sampling period, the longest wait for the next message, and two polling periods.
     pub(super) fn oldest(&self, asked: &Subscription) -> Duration {
         let sent = if asked.by_stamp { self.interval } else { self.alive };
         self.sampling + sent + asked.every * 2

@@ -115,8 +115,8 @@ impl UniformTemperature {
     }
 }
 
-/// Adds the values of a model to the preview. The text is `all temperatures at 15, 20, 25 °C: Cz = −12, 0, +12 µm`. The
-/// JSON has the same values.
+/// Adds the values of a model to the preview. The text is `all temperatures at 15, 20, 25 °C: Cz = −12, 0,
+/// +12 µm`. The JSON has the same values.
 pub(super) fn preview(
     section: &mut Section,
     signals: &[Signal],
