@@ -80,8 +80,8 @@ impl NamespaceWatch {
             let found = match located {
                 Located::Ambiguous => format!("the server has namespace {was} (ns={index}) more than once"),
                 Located::Unclear => format!(
-                    "the server has moved namespace {was} (ns={index}) to another index; ns={index} is {is}, \
-                     and it is not certain which of the two the profile's new nodes mean"
+                    "the server has moved namespace {was} (ns={index}) to another index; ns={index} is {is}, and \
+                     the new nodes of the profile may mean either"
                 ),
                 _ => format!("the server no longer has namespace {was} (ns={index}); ns={index} is {is}"),
             };
