@@ -50,20 +50,20 @@ fn is_late_for_a_minute(profile: Profile) {
 }
 
 /// The delay is just within the four timeouts that are allowed. On a busy computer, a port may deliver further answers
-/// late. Such a run shows nothing about one late answer, and is repeated.
+/// late, and the device then counts as lost. On a port, therefore, only one of five runs must be undisturbed.
 fn is_very_late_once(profile: Profile) {
-    for _ in 0..5 {
+    let runs = if [PORT, ASCII_PORT].contains(&profile.buses[0].transport) { 5 } else { 1 };
+    let mut seen = Vec::new();
+    for _ in 0..runs {
         let trace = thermocouples(profile.clone(), "kind = \"late\"\ndelay = \"1100ms\"\nfor = 1");
         others_went_on(&trace);
-        let timeouts = trace.samples.last().unwrap().status.devices[0].failures["timeout"];
-        if timeouts > 1 {
-            continue;
+        let reported = trace.reported("device-lost") + trace.reported("device-back");
+        if trace.qualities("bed", 5, 300) == ["good"] && reported == 0 {
+            return;
         }
-        assert_eq!(trace.qualities("bed", 5, 300), ["good"], "{}", trace.lines());
-        assert_eq!(trace.reported("device-lost") + trace.reported("device-back"), 0, "{}", trace.lines());
-        return;
+        seen.push(trace.lines());
     }
-    panic!("in each of five runs, more than one answer was late");
+    panic!("{}", seen.join("\n\n"));
 }
 
 fn answers_exceptions(profile: Profile) {
